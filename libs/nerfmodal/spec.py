@@ -1,0 +1,215 @@
+"""What a user asks for: one frozen tree that is the HTTP body, the JSON column and the configuration.
+
+SI units; a unit suffix stands on every key because types are lost in JSON. Unknown keys are refused.
+"""
+
+import hashlib
+import json
+from fnmatch import fnmatchcase
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Metres = Annotated[float, Field(allow_inf_nan=False)]
+Point = tuple[Metres, Metres, Metres]
+PositiveMetres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+HIGHEST_SHARE_OF_FRAME_RATE = 0.45
+"""A mode above 0.45 frame rates cannot be told from its alias (Nyquist, with room for a line's width)."""
+
+
+class Part(BaseModel):
+    """A part of the specification: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Box(Part):
+    """An axis-aligned box of the world, metres."""
+
+    min_m: Point
+    max_m: Point
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> Self:
+        if any(high <= low for low, high in zip(self.min_m, self.max_m, strict=True)):
+            raise ValueError("every component of max_m must be larger than that of min_m")
+        return self
+
+
+class OrientedBox(Part):
+    """A box turned about the vertical, then pitched: its x axis runs along the organ.
+
+    `yaw_deg` turns +x towards +y; `pitch_deg` raises (+) or lowers (-) the far end.
+    """
+
+    center_m: Point
+    size_m: tuple[PositiveMetres, PositiveMetres, PositiveMetres]
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    pitch_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
+
+
+class RigSpec(Part):
+    """Cameras on a semi-sphere around `target_m`, all looking at it."""
+
+    cameras: Annotated[int, Field(ge=3, le=500)] = 24
+    radius_m: PositiveMetres = 3.0
+    target_m: Point = (0.0, 0.0, 1.5)
+    lowest_deg: Annotated[float, Field(gt=-90, lt=90)] = 5.0
+    highest_deg: Annotated[float, Field(gt=-90, lt=90)] = 70.0
+    width_px: Annotated[int, Field(ge=16, le=7680)] = 200
+    height_px: Annotated[int, Field(ge=16, le=7680)] = 200
+    field_of_view_deg: Annotated[float, Field(gt=1, lt=150)] = 45.0
+
+    @model_validator(mode="after")
+    def _elevations_are_ordered(self) -> Self:
+        if self.highest_deg <= self.lowest_deg:
+            raise ValueError("highest_deg must be larger than lowest_deg")
+        return self
+
+
+class ImposedMode(Part):
+    """One mode imposed on the organs whose name matches `organ` (a glob: 'leaf_*', 'trunk')."""
+
+    organ: Annotated[str, Field(min_length=1)]
+    shape: Literal["bending_1", "bending_2", "torsion_1"]
+    frequency_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.01
+    amplitude_m: PositiveMetres
+    phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    direction: Point | None = None
+    """World direction of the motion; by default z for leaves and x for the trunk."""
+
+
+class SimulationSource(Part):
+    """A plant that Blender films."""
+
+    kind: Literal["simulation"]
+    structure: Literal["acai"] = "acai"
+    frames: Annotated[int, Field(ge=1, le=100_000)]
+    frame_rate_hz: Annotated[float, Field(gt=0, le=100_000)]
+    motion: tuple[ImposedMode, ...]
+    rig: RigSpec = RigSpec()
+    renderer: Literal["blender", "preview"] = "blender"
+    samples: Annotated[int, Field(ge=1, le=4096)] = 4
+
+    @model_validator(mode="after")
+    def _no_mode_aliases(self) -> Self:
+        limit = HIGHEST_SHARE_OF_FRAME_RATE * self.frame_rate_hz
+        for index, mode in enumerate(self.motion):
+            if mode.frequency_hz > limit:
+                raise ValueError(
+                    f"motion[{index}].frequency_hz = {mode.frequency_hz:g} Hz aliases at frame_rate_hz = "
+                    f"{self.frame_rate_hz:g}: only modes up to {limit:g} Hz can be told apart; "
+                    f"use frame_rate_hz >= {mode.frequency_hz / HIGHEST_SHARE_OF_FRAME_RATE:.4g}"
+                )
+        return self
+
+
+class CaptureSource(Part):
+    """Pictures of a real structure with solved cameras (a folder with a transforms.json)."""
+
+    kind: Literal["capture"]
+    path: Annotated[str, Field(min_length=1)]
+    hold_out_every: Annotated[int, Field(ge=2)] | None = None
+    """Every n-th view is not trained on and measures the PSNR."""
+    downscale: Annotated[int, Field(ge=1, le=64)] = 1
+
+
+class CloudsSource(Part):
+    """Point clouds of any sensor; nothing is filmed or trained."""
+
+    kind: Literal["clouds"]
+    path: Annotated[str, Field(min_length=1)]
+
+
+Source = Annotated[SimulationSource | CaptureSource | CloudsSource, Field(discriminator="kind")]
+
+
+class ReconstructionSpec(Part):
+    """How each frame's pictures become a point cloud."""
+
+    field: Literal["grid", "mlp"] = "grid"
+    region: Box | None = None
+    """The box that is reconstructed finely; by default what all cameras look at."""
+    voxel_m: PositiveMetres | None = None
+    """Side of the finest voxel of the grid field; by default the region's largest side / 128."""
+    iterations: Annotated[int, Field(ge=1)] = 600
+    """Of frame 0, up to the checkpoint that all frames start from."""
+    fine_tune_iterations: Annotated[int, Field(ge=1)] = 120
+    """Of every frame, from the frame-0 checkpoint."""
+    rays_per_batch: Annotated[int, Field(ge=16)] = 4096
+    learning_rate: Annotated[float, Field(gt=0)] | None = None
+    """By default the field's own."""
+    mlp_width: Annotated[int, Field(ge=8, le=1024)] = 256
+    coarse_samples: Annotated[int, Field(ge=2)] = 64
+    fine_samples: Annotated[int, Field(ge=2)] = 192
+    opacity_threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Points whose ray is less opaque are discarded (eq 10)."""
+    points: Annotated[int, Field(ge=100, le=10_000_000)] = 50_000
+    """Points per cloud at the most."""
+
+
+class OrganSpec(Part):
+    """A leaf (polynomial surface) or a branch (cylinder) and where its points are."""
+
+    name: Name
+    region: OrientedBox | None = None
+    """By default the whole cloud."""
+    surface: Literal["polynomial", "cylinder"] = "polynomial"
+    degree: Annotated[int, Field(ge=1, le=9)] = 5
+    """Total degree of the polynomial ('poly55' of the paper is 5), or of the cylinder's centreline."""
+    sensors: Annotated[int, Field(ge=4, le=1_000_000)] = 1000
+
+
+class IdentificationSpec(Part):
+    """How the displacement matrix becomes modes."""
+
+    method: Literal["damped_sinusoids", "complexity_pursuit"] = "damped_sinusoids"
+    reference: Literal["mean", "first", "previous"] = "mean"
+    """What the displacement is measured from (eq 11)."""
+    components: Annotated[int, Field(ge=1, le=50)] | None = None
+    """Principal components kept (eq 12; the paper: 3); by default those above the noise."""
+    max_modes: Annotated[int, Field(ge=1, le=20)] = 8
+    excitation: Literal["auto", "free_decay", "ambient", "harmonic"] = "auto"
+
+
+class PlantSpec(Part):
+    """Which plant of the fleet this is."""
+
+    id: Name
+    position: str | None = None
+    treatment: str | None = None
+
+
+class ScanSpec(Part):
+    """A whole scan: where pictures or clouds come from and what is done with them."""
+
+    name: Name = "scan"
+    source: Source
+    reconstruction: ReconstructionSpec = ReconstructionSpec()
+    organs: tuple[OrganSpec, ...] = ()
+    identification: IdentificationSpec = IdentificationSpec()
+    plant: PlantSpec | None = None
+    tags: tuple[Name, ...] = ()
+    max_failed_frames: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+
+    @model_validator(mode="after")
+    def _organ_names_differ(self) -> Self:
+        names = [organ.name for organ in self.organs]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ValueError(f"organs: two organs are called {sorted(twice)}; give each its own name")
+        return self
+
+    def digest(self) -> str:
+        """SHA-256 of the specification in canonical JSON: equal scans have equal digests."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def modes_of(motion: tuple[ImposedMode, ...], organ: str) -> tuple[ImposedMode, ...]:
+    """The imposed modes whose glob matches `organ`, in the order given."""
+    return tuple(mode for mode in motion if fnmatchcase(organ, mode.organ))

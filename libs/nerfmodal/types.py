@@ -1,0 +1,256 @@
+"""The values that travel between the stages: frozen, SI units, shapes checked in test runs.
+
+World: right-handed, metres, +z up. Cameras: OpenGL (+x right, +y up, looking along -z). Pixel (0, 0) is the
+centre of the first pixel plus one half: its centre lies at (0.5, 0.5).
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+DistortionModel = Literal["pinhole", "opencv", "fisheye"]
+
+
+class Outcome(Enum):
+    """How a numerical step ended; the value is the message the user reads."""
+
+    OK = "The result can be used."
+    TOO_FEW_FRAMES = "Fewer than 16 usable frames: no modes can be identified; record for longer."
+    NO_MOTION = "No vibration stands out of the noise: no modes."
+    NOT_CONVERGED = "The iteration did not converge; the result is the best found."
+    EMPTY_FIELD = "The field never became opaque: no points; check the poses and the region."
+    FEW_POINTS = "Fewer points than asked were opaque enough; all of them were kept."
+
+
+class Verdict(Enum):
+    """What the product says of a mode."""
+
+    ACCEPTED = "accepted"
+    DOUBTFUL = "doubtful"
+    REJECTED = "rejected"
+
+
+class Reason(Enum):
+    """Why a mode is doubtful or rejected; the value says it in words."""
+
+    RECORD_TOO_SHORT = "The record holds fewer than two periods of the mode."
+    ALIAS_SUSPECT = "The frequency is above 0.45 of the frame rate: it may be an alias."
+    NEGATIVE_DAMPING = "The estimated damping is negative beyond its uncertainty."
+    LOW_MPC = "The shape is complex: its points do not move in phase."
+    METHODS_DISAGREE = "The estimators do not agree on frequency or shape."
+    HARMONIC = "The frequency is a combination of stronger modes."
+    FIT_RESIDUAL_HIGH = "The mode stands little above the residual of the fit."
+    DRIFT = "The residual is correlated from frame to frame: intervals are optimistic."
+    WEAK = "The mode carries less than two per cent of the strongest one."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """One calibrated camera. Lengths in pixels, the pose in metres.
+
+    `distortion` is (k1, k2, k3, k4, p1, p2); a pinhole has zeros.
+    """
+
+    name: str
+    width: int
+    height: int
+    focal_x: float
+    focal_y: float
+    center_x: float
+    center_y: float
+    camera_to_world: Float[np.ndarray, "4 4"]
+    model: DistortionModel = "pinhole"
+    distortion: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig:
+    """The cameras of a capture; they stand still through the record."""
+
+    cameras: tuple[Camera, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One instant seen by every camera. All pictures of a frame have one size."""
+
+    index: int
+    time: float
+    images: UInt8[np.ndarray, "cameras height width 3"]
+    rig: Rig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """A trained field. `state` holds named arrays only, so that it is stored without pickle.
+
+    `parent` is the frame whose checkpoint this one was tuned from (None for the first).
+    """
+
+    field: Literal["grid", "mlp"]
+    frame_index: int
+    step: int
+    parent: int | None
+    state: dict[str, np.ndarray]
+    psnr: float
+    held_out_psnr: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointCloud:
+    """Points on the surface of the structure at one instant; colours in [0, 1]."""
+
+    points: Float[np.ndarray, "points 3"]
+    colors: Float[np.ndarray, "points 3"]
+    time: float
+    outcome: Outcome = Outcome.OK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGrid:
+    """Virtual sensors of one organ at rest, metres, world frame."""
+
+    organ: str
+    positions: Float[np.ndarray, "sensors 3"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisplacementMatrix:
+    """Displacement of every sensor in every frame, metres.
+
+    `directions` are the unit vectors (world) that `values` is measured along: the normal of a leaf's plane,
+    the two directions across a trunk, or x, y, z. `times` are the frames' instants in seconds.
+    """
+
+    values: Float[np.ndarray, "frames sensors axes"]
+    directions: Float[np.ndarray, "axes 3"]
+    times: Float[np.ndarray, " frames"]
+    frame_rate: float
+    sensors: SensorGrid
+    valid: Bool[np.ndarray, " frames"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """PCA of the displacement matrix (eq 12): D = scores @ components.T + mean; dofs = sensors * axes."""
+
+    components: Float[np.ndarray, "dofs rank"]
+    scores: Float[np.ndarray, "frames rank"]
+    singular_values: Float[np.ndarray, " all"]
+    mean: Float[np.ndarray, " dofs"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sources:
+    """Separated modal coordinates (eq 13): scores = coordinates @ mixing."""
+
+    coordinates: Float[np.ndarray, "frames modes"]
+    mixing: Float[np.ndarray, "modes rank"]
+    outcome: Outcome = Outcome.OK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeQuality:
+    """What is known of one mode beside its numbers. `mac_between_methods` is None where one method saw it."""
+
+    energy_share: float
+    mpc: float
+    mac_between_methods: float | None
+    verdict: Verdict
+    reasons: tuple[Reason, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModalModel:
+    """Modes of one organ, sorted by frequency.
+
+    `frequencies` are undamped natural frequencies in Hz, `damping_ratios` are in 0-1. Shapes are real, normalised
+    to a largest component of 1, positive there (`unit_max`), so that `coordinates` are in metres.
+    """
+
+    frequencies: Float[np.ndarray, " modes"]
+    frequency_stds: Float[np.ndarray, " modes"]
+    damping_ratios: Float[np.ndarray, " modes"]
+    damping_stds: Float[np.ndarray, " modes"]
+    mode_shapes: Float[np.ndarray, "sensors axes modes"]
+    coordinates: Float[np.ndarray, "frames modes"]
+    quality: tuple[ModeQuality, ...]
+    outcome: Outcome = Outcome.OK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opinion:
+    """What one method says of an organ: kept beside the answer, so that no number stands without its picture."""
+
+    method: str
+    frequencies: Float[np.ndarray, " modes"]
+    damping_ratios: Float[np.ndarray, " modes"]
+    mode_shapes: Float[np.ndarray, "sensors axes modes"]
+    coordinates: Float[np.ndarray, "frames modes"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrganResult:
+    """Everything identified of one organ."""
+
+    organ: str
+    surface: Literal["polynomial", "cylinder"]
+    displacement: DisplacementMatrix
+    reduction: Reduction | None
+    model: ModalModel
+    opinions: tuple[Opinion, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a result comes from."""
+
+    package_version: str
+    spec_digest: str
+    seed: int
+    device: str
+    started: str
+    finished: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanResult:
+    """All organs of a scan."""
+
+    organs: tuple[OrganResult, ...]
+    times: Float[np.ndarray, " frames"]
+    frame_rate: float
+    excitation: str
+    provenance: Provenance
+    outcome: Outcome = Outcome.OK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueMode:
+    """An imposed mode of one organ: the truth that only comparison code reads.
+
+    `points` are rest positions on the organ (metres, world) and `shape` is the displacement there for a modal
+    coordinate of 1 (largest length 1); `coordinates` is that coordinate in every frame, metres.
+    """
+
+    organ: str
+    name: str
+    frequency: float
+    damping_ratio: float
+    points: Float[np.ndarray, "points 3"]
+    shape: Float[np.ndarray, "points 3"]
+    coordinates: Float[np.ndarray, " frames"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mesh:
+    """A triangle mesh with a colour per vertex and the organ each vertex belongs to (index into `organs`)."""
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+    colors: Float[np.ndarray, "vertices 3"]
+    organ: Int[np.ndarray, " vertices"] = field(repr=False)
+    organs: tuple[str, ...]
