@@ -102,9 +102,7 @@ def downscale(camera: Camera, factor: int) -> Camera:
     )
 
 
-def look_at(
-    position: Float[np.ndarray, " 3"], target: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, "4 4"]:
+def look_at(position: Float[np.ndarray, " 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
     """Camera-to-world matrix of a camera at `position` that looks at `target`, +z up."""
     backward = (position - target) / np.linalg.norm(position - target)
     up = np.array([0.0, 0.0, 1.0]) if abs(backward[2]) < 0.999 else np.array([0.0, 1.0, 0.0])

@@ -28,9 +28,7 @@ def frame_of_box(box: OrientedBox) -> LocalFrame:
     """The frame of an oriented box: x along it (after yaw and pitch), z its upper side."""
     yaw, pitch = np.radians(box.yaw_deg), np.radians(box.pitch_deg)
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1.0]])
-    raise_end = np.array(
-        [[np.cos(pitch), 0, -np.sin(pitch)], [0, 1.0, 0], [np.sin(pitch), 0, np.cos(pitch)]]
-    )
+    raise_end = np.array([[np.cos(pitch), 0, -np.sin(pitch)], [0, 1.0, 0], [np.sin(pitch), 0, np.cos(pitch)]])
     return LocalFrame(origin=np.asarray(box.center_m, dtype=float), axes=turn @ raise_end)
 
 
