@@ -70,6 +70,21 @@ def identify(spec: ScanSpec, clouds: Sequence[PointCloud | None], *, report: Rep
     raise NotImplementedError
 
 
+def write_truth(spec: ScanSpec, path: Path) -> None:
+    """What a simulation imposed, as `truth.npz` (`io.read_truth`); only comparison code opens it."""
+    raise NotImplementedError
+
+
+def publish(
+    spec: ScanSpec, result: ScanResult, frame: Frame | None, cloud: PointCloud | None, out: Path
+) -> tuple[Path, ...]:
+    """Write everything a user downloads under `out` (result.npz, modes.json, report.html, pictures …).
+
+    `frame` and `cloud` are the first ones, for the report's pictures. Returns the files written.
+    """
+    raise NotImplementedError
+
+
 def run(spec: ScanSpec, out: Path, *, report: Callable[[str, Progress], None]) -> ScanResult:
     """The whole scan in this process; writes the results under `out`."""
     raise NotImplementedError
