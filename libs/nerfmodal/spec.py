@@ -6,7 +6,7 @@ SI units; a unit suffix stands on every key because types are lost in JSON. Unkn
 import hashlib
 import json
 from fnmatch import fnmatchcase
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -32,7 +32,7 @@ class Box(Part):
     max_m: Point
 
     @model_validator(mode="after")
-    def _has_volume(self) -> Self:
+    def _has_volume(self) -> "Box":
         if any(high <= low for low, high in zip(self.min_m, self.max_m, strict=True)):
             raise ValueError("every component of max_m must be larger than that of min_m")
         return self
@@ -63,7 +63,7 @@ class RigSpec(Part):
     field_of_view_deg: Annotated[float, Field(gt=1, lt=150)] = 45.0
 
     @model_validator(mode="after")
-    def _elevations_are_ordered(self) -> Self:
+    def _elevations_are_ordered(self) -> "RigSpec":
         if self.highest_deg <= self.lowest_deg:
             raise ValueError("highest_deg must be larger than lowest_deg")
         return self
@@ -95,7 +95,7 @@ class SimulationSource(Part):
     samples: Annotated[int, Field(ge=1, le=4096)] = 4
 
     @model_validator(mode="after")
-    def _no_mode_aliases(self) -> Self:
+    def _no_mode_aliases(self) -> "SimulationSource":
         limit = HIGHEST_SHARE_OF_FRAME_RATE * self.frame_rate_hz
         for index, mode in enumerate(self.motion):
             if mode.frequency_hz > limit:
@@ -197,7 +197,7 @@ class ScanSpec(Part):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
     @model_validator(mode="after")
-    def _organ_names_differ(self) -> Self:
+    def _organ_names_differ(self) -> "ScanSpec":
         names = [organ.name for organ in self.organs]
         twice = {name for name in names if names.count(name) > 1}
         if twice:

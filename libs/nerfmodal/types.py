@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 DistortionModel = Literal["pinhole", "opencv", "fisheye"]
+FieldKind = Literal["grid", "mlp"]
 
 
 class Outcome(Enum):
@@ -90,7 +91,7 @@ class Checkpoint:
     `parent` is the frame whose checkpoint this one was tuned from (None for the first).
     """
 
-    field: Literal["grid", "mlp"]
+    field: FieldKind
     frame_index: int
     step: int
     parent: int | None

@@ -1,0 +1,23 @@
+"""Readers and writers of the travelling types; every write is atomic, nothing is pickled."""
+
+from nerfmodal.io.atomic import atomic_write
+from nerfmodal.io.checkpoints import read_checkpoint, write_checkpoint
+from nerfmodal.io.clouds import read_cloud, read_cloud_sequence, write_cloud
+from nerfmodal.io.frames import read_frame, write_frame
+from nerfmodal.io.results import read_result, write_result
+from nerfmodal.io.truth import read_truth, write_truth
+
+__all__ = [
+    "atomic_write",
+    "read_checkpoint",
+    "read_cloud",
+    "read_cloud_sequence",
+    "read_frame",
+    "read_result",
+    "read_truth",
+    "write_checkpoint",
+    "write_cloud",
+    "write_frame",
+    "write_result",
+    "write_truth",
+]

@@ -1,0 +1,216 @@
+"""What is written is read back equal, and a write that fails leaves what was there before."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nerfmodal import io
+from nerfmodal.errors import InvalidCapture, InvalidClouds, InvalidInput
+from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.spec import RigSpec
+from nerfmodal.types import (
+    Checkpoint,
+    DisplacementMatrix,
+    Frame,
+    ModalModel,
+    ModeQuality,
+    Opinion,
+    OrganResult,
+    Outcome,
+    PointCloud,
+    Provenance,
+    Reason,
+    Reduction,
+    ScanResult,
+    SensorGrid,
+    TrueMode,
+    Verdict,
+)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def a_result(rng: np.random.Generator) -> ScanResult:
+    shapes = rng.normal(size=(5, 1, 2))
+    displacement = DisplacementMatrix(
+        values=rng.normal(size=(20, 5, 1)),
+        directions=np.eye(3)[2:],
+        times=np.arange(20) / 30,
+        frame_rate=30.0,
+        sensors=SensorGrid(organ="leaf", positions=rng.normal(size=(5, 3))),
+        valid=np.ones(20, dtype=bool),
+    )
+    quality = ModeQuality(
+        energy_share=0.5, mpc=1.0, mac_between_methods=None, verdict=Verdict.DOUBTFUL, reasons=(Reason.WEAK,)
+    )
+    model = ModalModel(
+        frequencies=np.array([2.0, 5.0]),
+        frequency_stds=np.array([0.1, 0.2]),
+        damping_ratios=np.array([0.01, 0.02]),
+        damping_stds=np.array([0.001, 0.002]),
+        mode_shapes=shapes,
+        coordinates=rng.normal(size=(20, 2)),
+        quality=(quality, quality),
+    )
+    reduction = Reduction(
+        components=rng.normal(size=(5, 2)),
+        scores=rng.normal(size=(20, 2)),
+        singular_values=np.array([2.0, 1.0]),
+        mean=np.zeros(5),
+    )
+    opinion = Opinion(
+        method="complexity_pursuit",
+        frequencies=np.array([2.0]),
+        damping_ratios=np.array([0.01]),
+        mode_shapes=shapes[:, :, :1],
+        coordinates=rng.normal(size=(20, 1)),
+    )
+    organ = OrganResult(
+        organ="leaf",
+        surface="polynomial",
+        displacement=displacement,
+        reduction=reduction,
+        model=model,
+        opinions=(opinion,),
+    )
+    provenance = Provenance(package_version="0", spec_digest="0", seed=0, device="cpu", started="then", finished="now")
+    return ScanResult(
+        organs=(organ,),
+        times=np.arange(20) / 30,
+        frame_rate=30.0,
+        excitation="free_decay",
+        provenance=provenance,
+        outcome=Outcome.NO_MOTION,
+    )
+
+
+def test_a_result_survives(tmp_path: Path, rng: np.random.Generator) -> None:
+    result = a_result(rng)
+    io.write_result(tmp_path / "result.npz", result)
+    back = io.read_result(tmp_path / "result.npz")
+    assert back.outcome is Outcome.NO_MOTION
+    assert back.organs[0].model.quality == result.organs[0].model.quality
+    assert back.organs[0].opinions[0].method == "complexity_pursuit"
+    np.testing.assert_array_equal(back.organs[0].model.mode_shapes, result.organs[0].model.mode_shapes)
+    np.testing.assert_array_equal(back.organs[0].displacement.valid, result.organs[0].displacement.valid)
+    assert back.organs[0].reduction is not None
+
+
+def test_a_frame_survives_to_the_last_pixel(tmp_path: Path, rng: np.random.Generator) -> None:
+    rig = semi_spherical_rig(RigSpec(cameras=3, width_px=20, height_px=16))
+    images = rng.integers(0, 256, size=(3, 16, 20, 3), dtype=np.uint8)
+    io.write_frame(tmp_path / "frame.zip", Frame(index=7, time=0.7 / 3, images=images, rig=rig))
+    back = io.read_frame(tmp_path / "frame.zip")
+    assert (back.index, back.time) == (7, 0.7 / 3)
+    np.testing.assert_array_equal(back.images, images)
+    np.testing.assert_array_equal(back.rig.cameras[2].camera_to_world, rig.cameras[2].camera_to_world)
+
+
+def test_a_broken_frame_is_named(tmp_path: Path) -> None:
+    (tmp_path / "frame.zip").write_bytes(b"PK")
+    with pytest.raises(InvalidCapture, match=r"frame\.zip"):
+        io.read_frame(tmp_path / "frame.zip")
+
+
+def test_a_checkpoint_survives(tmp_path: Path, rng: np.random.Generator) -> None:
+    state = {"weights": rng.normal(size=(3, 2)).astype(np.float32)}
+    checkpoint = Checkpoint(field="grid", frame_index=4, step=60, parent=0, state=state, psnr=30.25)
+    io.write_checkpoint(tmp_path / "c.safetensors", checkpoint)
+    back = io.read_checkpoint(tmp_path / "c.safetensors")
+    assert (back.parent, back.psnr, back.held_out_psnr, back.step) == (0, 30.25, None, 60)
+    np.testing.assert_array_equal(back.state["weights"], state["weights"])
+
+
+def test_no_checkpoint_is_no_checkpoint(tmp_path: Path) -> None:
+    (tmp_path / "c.safetensors").write_bytes(b"nothing")
+    with pytest.raises(InvalidInput, match=r"c\.safetensors"):
+        io.read_checkpoint(tmp_path / "c.safetensors")
+
+
+def test_a_cloud_survives(tmp_path: Path, rng: np.random.Generator) -> None:
+    colors = rng.integers(0, 256, size=(9, 3)) / 255
+    cloud = PointCloud(points=rng.normal(size=(9, 3)), colors=colors, time=1 / 3, outcome=Outcome.FEW_POINTS)
+    io.write_cloud(tmp_path / "frame_0000.ply", cloud)
+    back = io.read_cloud(tmp_path / "frame_0000.ply")
+    assert (back.time, back.outcome) == (1 / 3, Outcome.FEW_POINTS)
+    np.testing.assert_array_equal(back.points, cloud.points)
+    np.testing.assert_allclose(back.colors, colors, atol=1e-12)
+
+
+def test_an_empty_cloud_survives(tmp_path: Path) -> None:
+    cloud = PointCloud(points=np.empty((0, 3)), colors=np.empty((0, 3)), time=0.0, outcome=Outcome.EMPTY_FIELD)
+    io.write_cloud(tmp_path / "frame_0000.ply", cloud)
+    assert io.read_cloud(tmp_path / "frame_0000.ply").points.shape == (0, 3)
+
+
+def test_a_folder_and_an_archive_give_the_same_clouds(tmp_path: Path, rng: np.random.Generator) -> None:
+    points = rng.normal(size=(2, 6, 3))
+    for index, cloud in enumerate(points):
+        trimmed = PointCloud(points=cloud * 1000, colors=np.zeros((6, 3)), time=index / 30)
+        io.write_cloud(tmp_path / f"frame_{index:04d}.ply", trimmed)
+    (tmp_path / "clouds.json").write_text(json.dumps({"frame_rate_hz": 30, "unit": "mm"}))
+    np.savez(tmp_path / "clouds.npz", frame_rate_hz=30.0, frame_0000=points[0], frame_0001=points[1])
+    (rate, folder), (other_rate, archive) = (
+        io.read_cloud_sequence(tmp_path),
+        io.read_cloud_sequence(tmp_path / "clouds.npz"),
+    )
+    assert rate == other_rate == 30
+    for one, other in zip(folder, archive, strict=True):
+        np.testing.assert_allclose(one.points, other.points)
+        assert one.time == other.time
+
+
+@pytest.mark.parametrize(
+    ("header", "named"),
+    [
+        ({"frame_rate_hz": 0}, "frame_rate_hz"),
+        ({}, "frame_rate_hz"),
+        ({"frame_rate_hz": 30, "unit": "inch"}, "unit"),
+        ({"frame_rate_hz": 30, "times_s": [0.1, 0.1]}, "times_s"),
+        ({"frame_rate_hz": 30, "times_s": [0.1]}, "times_s"),
+    ],
+)
+def test_a_wrong_header_names_its_key(tmp_path: Path, header: dict[str, object], named: str) -> None:
+    for index in range(2):
+        cloud = PointCloud(points=np.zeros((1, 3)), colors=np.zeros((1, 3)), time=0.0)
+        io.write_cloud(tmp_path / f"frame_{index:04d}.ply", cloud)
+    (tmp_path / "clouds.json").write_text(json.dumps(header))
+    with pytest.raises(InvalidClouds, match=named):
+        io.read_cloud_sequence(tmp_path)
+
+
+def test_nan_points_are_refused_with_their_file(tmp_path: Path) -> None:
+    np.savez(tmp_path / "c.npz", frame_rate_hz=30.0, frame_0000=np.full((2, 3), np.nan))
+    _, clouds = io.read_cloud_sequence(tmp_path / "c.npz")
+    with pytest.raises(InvalidClouds, match="frame_0000"):
+        list(clouds)
+
+
+def test_the_truth_survives(tmp_path: Path, rng: np.random.Generator) -> None:
+    mode = TrueMode(
+        organ="leaf_0",
+        name="bending_1",
+        frequency=2.0,
+        damping_ratio=0.01,
+        points=rng.normal(size=(4, 3)),
+        shape=rng.normal(size=(4, 3)),
+        coordinates=rng.normal(size=6),
+    )
+    io.write_truth(tmp_path / "truth.npz", [mode])
+    (back,) = io.read_truth(tmp_path / "truth.npz")
+    assert (back.organ, back.name, back.frequency) == ("leaf_0", "bending_1", 2.0)
+    np.testing.assert_array_equal(back.shape, mode.shape)
+
+
+def test_a_failed_write_keeps_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), io.atomic_write(path) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
