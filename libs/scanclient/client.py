@@ -204,7 +204,7 @@ class Client:
             if not answer.is_success:
                 answer.read()
             resumed = checked(answer).status_code == httpx.codes.PARTIAL_CONTENT
-            downloads.append(part, answer.iter_bytes(downloads.BLOCK), start=start if resumed else 0)
+            downloads.append(part, answer.iter_bytes(), start=start if resumed else 0)
 
     def _send(self, call: Call) -> httpx.Response:
         on = worth_retrying(repeatable=call.repeatable)

@@ -8,8 +8,6 @@ from pathlib import Path, PurePosixPath
 from scanclient.errors import BrokenDownload
 from scanclient.values import Artifact
 
-BLOCK = 1 << 20
-
 
 def target(folder: Path, artifact: Artifact) -> Path:
     """Where the file goes; refuses a name that would leave `folder`."""
