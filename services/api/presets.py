@@ -1,0 +1,86 @@
+"""Specifications that a user starts from: `paper`, `quick` and `default`, of the simulated açai palm.
+
+Motion follows the paper: every leaf bends at 2 and 5 Hz and twists at 10 Hz along z, the trunk bends at 1 Hz along x.
+The paper gives neither amplitudes nor damping nor phases; these are ours. Phases differ so that leaves do not move
+in step.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from nerfmodal.spec import ImposedMode, ReconstructionSpec, RigSpec, ScanSpec, SimulationSource
+
+LEAVES = 5
+DAMPING_RATIO = 0.01
+
+
+def _motion() -> tuple[ImposedMode, ...]:
+    leaves = [mode for leaf in range(LEAVES) for mode in _leaf_motion(leaf)]
+    trunk = ImposedMode(
+        organ="trunk", shape="bending_1", frequency_hz=1, damping_ratio=DAMPING_RATIO, amplitude_m=0.03, phase_deg=20
+    )
+    return (*leaves, trunk)
+
+
+def _leaf_motion(leaf: int) -> list[ImposedMode]:
+    """Three modes whose phases are those of no other leaf."""
+    name, turn = f"leaf_{leaf}", 360 * leaf / LEAVES
+    first = ImposedMode(
+        organ=name, shape="bending_1", frequency_hz=2, damping_ratio=DAMPING_RATIO, amplitude_m=0.04, phase_deg=turn
+    )
+    second = ImposedMode(
+        organ=name,
+        shape="bending_2",
+        frequency_hz=5,
+        damping_ratio=DAMPING_RATIO,
+        amplitude_m=0.015,
+        phase_deg=(2 * turn + 40) % 360,
+    )
+    twist = ImposedMode(
+        organ=name,
+        shape="torsion_1",
+        frequency_hz=10,
+        damping_ratio=DAMPING_RATIO,
+        amplitude_m=0.012,
+        phase_deg=(3 * turn + 80) % 360,
+    )
+    return [first, second, twist]
+
+
+DEFAULT = ScanSpec(
+    name="acai",
+    source=SimulationSource(kind="simulation", frames=60, frame_rate_hz=30, motion=_motion()),
+)
+"""What the demo runs: 24 cameras of 200 × 200 pixels, two seconds at 30 Hz."""
+
+QUICK = ScanSpec(
+    name="quick",
+    source=SimulationSource(
+        kind="simulation",
+        frames=40,
+        frame_rate_hz=30,
+        motion=_motion(),
+        rig=RigSpec(cameras=12, width_px=120, height_px=120),
+        renderer="preview",
+    ),
+    reconstruction=ReconstructionSpec(iterations=300, fine_tune_iterations=60, points=20_000),
+)
+"""A look at everything in a minute or two, ray-cast instead of Blender: its numbers are rough."""
+
+PAPER = ScanSpec(
+    name="paper",
+    source=SimulationSource(
+        kind="simulation",
+        frames=90,
+        frame_rate_hz=30,
+        motion=_motion(),
+        rig=RigSpec(cameras=50, width_px=1920, height_px=1080),
+        samples=64,
+    ),
+    reconstruction=ReconstructionSpec(
+        field="mlp", iterations=17_000, fine_tune_iterations=3_000, opacity_threshold=0.9, points=1_000_000
+    ),
+)
+"""The paper's experiment at its own scale (50 Full HD views, 90 frames, 17 k + 3 k iterations): days without a GPU."""
+
+PRESETS: Mapping[str, ScanSpec] = MappingProxyType({"default": DEFAULT, "quick": QUICK, "paper": PAPER})
