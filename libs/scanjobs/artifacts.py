@@ -1,0 +1,122 @@
+"""Files named by the SHA-256 of their bytes, in a folder: `ab/abcdef…`.
+
+A file is staged beside the store, synced, renamed into place and its folder synced, so that a name is there with all
+its bytes or not at all. Every way out compares the digest first. References to artifacts live in SQL.
+"""
+
+import hashlib
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+
+from scanjobs.errors import ArtifactDamaged, NotFound
+
+STAGING = ".staging"
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What the store knows of a file: hexadecimal SHA-256 and bytes."""
+
+    digest: str
+    size: int
+
+
+class ArtifactStore:
+    """A content-addressed folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / STAGING).mkdir(parents=True, exist_ok=True)
+
+    def put(self, source: Path) -> Stored:
+        """Copy a file into the store; a second copy of the same bytes costs nothing but reading."""
+        staged = self.folder / STAGING / secrets.token_hex(16)
+        try:
+            stored = _copy(source, staged)
+            self._publish(staged, stored.digest)
+        finally:
+            staged.unlink(missing_ok=True)
+        return stored
+
+    def path(self, digest: str) -> Path:
+        """The verified file of a digest. Raises `ArtifactDamaged` or `NotFound`."""
+        path = self.place(digest)
+        if not path.is_file():
+            raise NotFound(f"the artifact {digest} is not stored.", hint="Retry the scan from the step that made it.")
+        with path.open("rb") as file:
+            _verify(file, digest)
+        return path
+
+    @contextmanager
+    def open(self, digest: str) -> Iterator[BufferedReader]:
+        """The verified bytes of a digest, from their beginning."""
+        with self.path(digest).open("rb") as file:
+            yield file
+
+    def holds(self, digest: str) -> bool:
+        """Whether the digest is stored, without reading it."""
+        return self.place(digest).is_file()
+
+    def remove(self, digest: str) -> None:
+        """Forget an artifact that nothing refers to."""
+        self.place(digest).unlink(missing_ok=True)
+
+    def digests(self) -> Iterator[str]:
+        """Every digest stored, in no order."""
+        for path in self.folder.glob("[0-9a-f][0-9a-f]/*"):
+            yield path.name
+
+    def place(self, digest: str) -> Path:
+        """Where a digest lies or would lie."""
+        if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
+            raise NotFound(f"{digest!r} is no digest.", hint="Use a digest from the scan's artifacts.")
+        return self.folder / digest[:2] / digest
+
+    def _publish(self, staged: Path, digest: str) -> None:
+        target = self.place(digest)
+        target.parent.mkdir(exist_ok=True)
+        os.replace(staged, target)  # also over a copy that has rotted
+        _sync_folder(target.parent)
+        _sync_folder(self.folder)
+
+
+def _copy(source: Path, staged: Path) -> Stored:
+    sha, size = hashlib.sha256(), 0
+    with source.open("rb") as reader, staged.open("xb") as writer:
+        while block := reader.read(1 << 20):
+            sha.update(block)
+            size += writer.write(block)
+        writer.flush()
+        os.fsync(writer.fileno())
+    staged.chmod(0o444)
+    return Stored(sha.hexdigest(), size)
+
+
+def _verify(file: BufferedReader, digest: str) -> None:
+    if hashlib.file_digest(file, "sha256").hexdigest() != digest:
+        raise ArtifactDamaged(
+            f"the stored file of {digest} has other bytes.", hint="Retry the scan from the step that made it."
+        )
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def place_input(source: Path, target: Path) -> None:
+    """Show a stored file under a readable name, as a link where the file systems allow it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

@@ -1,0 +1,69 @@
+"""The exceptions of the jobs.
+
+::
+
+    ScanjobsError
+     ├─ NotFound                no such scan, step or artifact; HTTP 404
+     ├─ IllegalTransition       the state does not allow it; HTTP 409
+     ├─ IdempotencyConflict     the key was used with another body; HTTP 409
+     ├─ InvalidCursor           the cursor was not made by this service; HTTP 422
+     ├─ SourceOutsideRoots      a path that the service may not read; HTTP 422
+     ├─ ArtifactDamaged         the stored bytes no longer have their digest
+     └─ DataFolderInUse         a second server on one data folder
+"""
+
+from typing import ClassVar
+
+
+class ScanjobsError(Exception):
+    """A job cannot do what was asked; `where` is the JSON pointer of the field, `hint` what to change."""
+
+    code: ClassVar[str] = "ERROR"
+
+    def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        self.hint = hint
+
+
+class NotFound(ScanjobsError):
+    """Nothing has this id, or it belongs to somebody else; list what there is and use one of those ids."""
+
+    code = "NOT_FOUND"
+
+
+class IllegalTransition(ScanjobsError):
+    """The present state does not allow this; wait for another state or ask for something else."""
+
+    code = "ILLEGAL_TRANSITION"
+
+
+class IdempotencyConflict(ScanjobsError):
+    """This Idempotency-Key came with another body before; use a new key for a new request."""
+
+    code = "IDEMPOTENCY_CONFLICT"
+
+
+class InvalidCursor(ScanjobsError):
+    """The cursor cannot be read; start again without one."""
+
+    code = "INVALID_CURSOR"
+
+
+class SourceOutsideRoots(ScanjobsError):
+    """The path leads out of the folders that captures may lie in, or to nothing; put the capture in one of them."""
+
+    code = "SOURCE_OUTSIDE_ROOTS"
+
+
+class ArtifactDamaged(ScanjobsError):
+    """A stored file is missing or no longer has its digest; retry the scan from the step that made it."""
+
+    code = "ARTIFACT_DAMAGED"
+
+
+class DataFolderInUse(ScanjobsError):
+    """Another server runs on this data folder; stop it or choose another folder."""
+
+    code = "DATA_FOLDER_IN_USE"

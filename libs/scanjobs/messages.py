@@ -1,0 +1,36 @@
+"""What travels through the broker: a task's name, its queue, and the id of one step. Nothing else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+INSPECT = "scan.inspect"
+RENDER = "frame.render"
+READ = "frame.read"
+TRAIN = "frame.train"
+EXTRACT = "frame.extract"
+IDENTIFY = "scan.identify"
+
+QUEUE_OF: Mapping[str, str] = MappingProxyType(
+    {
+        INSPECT: "extract",
+        RENDER: "render",
+        READ: "extract",
+        TRAIN: "train",
+        EXTRACT: "extract",
+        IDENTIFY: "identify",
+    }
+)
+"""Task name → queue, in the order in which a scan goes through them."""
+
+KINDS = tuple(QUEUE_OF)
+QUEUES = ("render", "train", "extract", "identify")
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One ring of the doorbell."""
+
+    kind: str
+    queue: str
+    step_id: str

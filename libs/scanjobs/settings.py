@@ -1,0 +1,67 @@
+"""Every setting of the service, from `NERFMODAL_…` variables; read once, at the edge, and handed down.
+
+The defaults are the embedded service: SQLite and files in `data_folder`, the broker in this process.
+"""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, field_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+Seconds = Annotated[float, Field(gt=0)]
+
+
+class Settings(BaseSettings):
+    """The settings; times in seconds."""
+
+    model_config = SettingsConfigDict(env_prefix="NERFMODAL_", frozen=True, extra="ignore")
+
+    data_folder: Path = Path(".nerfmodal")
+    database_url: str = ""
+    """SQLAlchemy URL; empty is an SQLite file in `data_folder`."""
+    broker_url: str = "memory://"
+    artifact_folder: Path | None = None
+    """Where artifacts lie; None is `data_folder`/artifacts."""
+    capture_roots: Annotated[tuple[Path, ...], NoDecode] = (Path(),)
+    """Folders that captures and clouds may be read from; in the variable separated as in PATH."""
+
+    slots: Annotated[int, Field(ge=1)] = Field(default_factory=lambda: os.cpu_count() or 1)
+    """Steps computed at the same time by one worker."""
+    threads_per_runner: Annotated[int, Field(ge=1)] = 1
+    tasks: str = "services.worker.tasks"
+    """Python module whose TASKS maps each kind of step to a function."""
+
+    lease_s: Seconds = 60.0
+    """A running step not heard of for this long is given to somebody else."""
+    tick_s: Seconds = 0.7
+    """How often each worker looks for ready steps and expired leases."""
+    watch_s: Seconds = 0.5
+    """How often a running step is checked for a cancel and reports its progress."""
+    resend_s: Seconds = 30.0
+    """A sent step that nobody claimed is sent again after this long."""
+    max_attempts: Annotated[int, Field(ge=1)] = 3
+    runner_steps: Annotated[int, Field(ge=1)] = 50
+    """A runner is replaced after this many steps."""
+    runner_idle_s: Seconds = 60.0
+    """An idle runner ends after this long and gives its memory back."""
+    stop_grace_s: Seconds = 1.5
+    """From asking a runner to stop to killing it."""
+    drain_s: Seconds = 12.0
+    """From SIGTERM to giving up on a clean end."""
+
+    @field_validator("capture_roots", mode="before")
+    @classmethod
+    def _split_roots(cls, value: object) -> object:
+        return tuple(part for part in value.split(os.pathsep) if part) if isinstance(value, str) else value
+
+    @property
+    def database(self) -> str:
+        """The database's URL, with the default filled in."""
+        return self.database_url or f"sqlite:///{(self.data_folder / 'nerfmodal.db').resolve()}"
+
+    @property
+    def artifacts(self) -> Path:
+        """The folder of the artifact store."""
+        return (self.artifact_folder or self.data_folder / "artifacts").resolve()

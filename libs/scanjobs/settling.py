@@ -1,0 +1,64 @@
+"""Who holds a scan's row, and when a scan has ended.
+
+Every transaction that ends or revives a step holds the row of its scan first (`hold_scan`), so what happens to the
+steps of one scan happens in one order: no two parents finish at once, no cancel passes a finish.
+"""
+
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from scanjobs.clock import now_s
+from scanjobs.errors import NotFound
+from scanjobs.messages import IDENTIFY
+from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, ScanState, StepState
+from scanjobs.tables import Scan, Step
+from scanjobs.transitions import move_scan, move_steps
+
+
+def hold_scan(session: Session, scan_id: str, *, owner: str | None = None) -> Scan:
+    """The scan, its row locked until the transaction ends. Raises `NotFound`."""
+    query = select(Scan).where(Scan.id == scan_id).with_for_update().execution_options(populate_existing=True)
+    scan = session.scalars(query).one_or_none()
+    if scan is None or (owner is not None and scan.owner != owner) or scan.state == ScanState.DELETED:
+        raise NotFound(f"there is no scan {scan_id}.", hint="List your scans with GET /v1/scans.")
+    return scan
+
+
+def live_steps(session: Session, scan: Scan, *states: StepState) -> tuple[Step, ...]:
+    """The steps of a held scan that are in one of `states` (by default: that have not ended)."""
+    chosen = [state.value for state in states or LIVE_STEP_STATES]
+    query = select(Step).where(Step.scan_id == scan.id, Step.state.in_(chosen)).order_by(Step.id)
+    return tuple(session.scalars(query.execution_options(populate_existing=True)))
+
+
+def settle(session: Session, scan: Scan) -> None:
+    """End a held scan if its steps say so: cancelled when none is left alive, succeeded with its identification."""
+    if scan.state == ScanState.CANCELING:
+        if not live_steps(session, scan):
+            move_scan(session, scan, ScanState.CANCELED, values={"finished_at": now_s()})
+    elif scan.state not in TERMINAL_SCAN_STATES and _is_identified(session, scan):
+        move_scan(session, scan, ScanState.SUCCEEDED, values={"finished_at": now_s(), "error": None})
+
+
+def fail_scan(session: Session, scan: Scan, error: dict[str, Any]) -> None:
+    """End a held scan for good; what still lived is cancelled and what still computes is fenced off."""
+    move_steps(session, live_steps(session, scan), StepState.CANCELED, reason="scan failed", values=_ended())
+    move_scan(
+        session, scan, ScanState.FAILED, reason=str(error["code"]), values={"finished_at": now_s(), "error": error}
+    )
+
+
+def _is_identified(session: Session, scan: Scan) -> bool:
+    query = select(Step.id).where(
+        Step.scan_id == scan.id,
+        Step.generation == scan.generation,
+        Step.kind == IDENTIFY,
+        Step.state == StepState.SUCCEEDED,
+    )
+    return session.scalars(query).first() is not None
+
+
+def _ended() -> dict[str, Any]:
+    return {"finished_at": now_s(), "lease_until": None}

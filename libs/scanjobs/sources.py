@@ -1,0 +1,56 @@
+"""Which paths of the service's machine a specification may name.
+
+A path is followed through every symbolic link first; what it leads to must lie in one of `capture_roots`.
+"""
+
+from pathlib import Path
+
+from nerfmodal.spec import ScanSpec, SimulationSource
+
+from scanjobs.errors import SourceOutsideRoots
+from scanjobs.settings import Settings
+
+FIELD = "/source/path"
+
+
+def resolve_source_path(settings: Settings, path: str) -> Path:
+    """The real, existing path that `path` means; relative paths are looked for in each root.
+
+    Raises
+    ------
+    SourceOutsideRoots
+        It leads out of every root, or nothing is there.
+    """
+    if "\x00" in path:
+        raise _refusal(settings, path, "contains a zero byte")
+    for root in settings.capture_roots:
+        found = _inside(root, path)
+        if found is not None:
+            return found
+    raise _refusal(settings, path, "is not in a folder that captures are read from, or does not exist")
+
+
+def confine_source(settings: Settings, spec: ScanSpec) -> ScanSpec:
+    """The same specification with `source.path` resolved, as every worker can open it."""
+    if isinstance(spec.source, SimulationSource):
+        return spec
+    path = resolve_source_path(settings, spec.source.path)
+    return spec.model_copy(update={"source": spec.source.model_copy(update={"path": str(path)})})
+
+
+def _inside(root: Path, path: str) -> Path | None:
+    base = root.resolve()
+    try:
+        found = (base / path).resolve(strict=True)
+    except (OSError, RuntimeError):
+        return None
+    return found if found.is_relative_to(base) else None
+
+
+def _refusal(settings: Settings, path: str, reason: str) -> SourceOutsideRoots:
+    roots = ", ".join(str(root.resolve()) for root in settings.capture_roots) or "none is set"
+    return SourceOutsideRoots(
+        f"the path {path!r} {reason}.",
+        where=FIELD,
+        hint=f"Put it in one of: {roots}; or set NERFMODAL_CAPTURE_ROOTS.",
+    )

@@ -1,0 +1,119 @@
+"""The one place that moves rows from state to state: checked by the tables of `states`, each with its event."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final
+
+from sqlalchemy import ColumnElement, insert, update
+from sqlalchemy.orm import Session
+
+from scanjobs.clock import now_s
+from scanjobs.states import ScanState, StepState, check_move
+from scanjobs.tables import Event, Scan, Step, table_of
+
+Values = Mapping[str, Any]
+BATCH = 500
+"""Rows named in one statement; SQLite allows 32,766 variables."""
+UNSYNCHRONISED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_session": False})
+"""Rows in memory are refreshed by hand, after the guard has spoken."""
+
+
+def move_scan(
+    session: Session, scan: Scan, target: ScanState, *, reason: str = "", values: Values | None = None
+) -> None:
+    """Move a scan whose row this transaction holds; raises `IllegalTransition`."""
+    current = ScanState(scan.state)
+    check_move(current, target)
+    changes = {"state": target.value, "version": scan.version + 1, **(values or {})}
+    session.execute(update(Scan).where(Scan.id == scan.id).values(changes), execution_options=UNSYNCHRONISED)
+    session.refresh(scan)
+    _record(session, [_event(scan.id, None, scan.generation, current.value, target.value, reason)])
+
+
+def move_step(
+    session: Session,
+    step: Step,
+    target: StepState,
+    *,
+    reason: str = "",
+    values: Values | None = None,
+    guard: ColumnElement[bool] | None = None,
+) -> bool:
+    """Move one step if it still is as `step` says (and `guard` holds); False when somebody was faster."""
+    current = StepState(step.state)
+    check_move(current, target)
+    statement = update(Step).where(Step.id == step.id, Step.state == current.value, Step.token == step.token)
+    if guard is not None:
+        statement = statement.where(guard)
+    moved = session.execute(
+        statement.values({"state": target.value, **(values or {})}).returning(Step.id),
+        execution_options=UNSYNCHRONISED,
+    ).all()
+    if not moved:
+        return False
+    session.refresh(step)
+    _record(session, [_event(step.scan_id, step.id, step.generation, current.value, target.value, reason)])
+    return True
+
+
+def move_steps(
+    session: Session, steps: Sequence[Step], target: StepState, *, reason: str = "", values: Values | None = None
+) -> int:
+    """Move many steps of a scan whose row this transaction holds; how many still were as `steps` says."""
+    groups: dict[str, list[Step]] = {}
+    for step in steps:
+        groups.setdefault(step.state, []).append(step)
+    return sum(
+        _move_group(session, StepState(state), group, target, reason, values or {}) for state, group in groups.items()
+    )
+
+
+def _move_group(
+    session: Session, current: StepState, steps: Sequence[Step], target: StepState, reason: str, values: Values
+) -> int:
+    check_move(current, target)
+    moved: set[str] = set()
+    for start in range(0, len(steps), BATCH):
+        ids = [step.id for step in steps[start : start + BATCH]]
+        statement = update(Step).where(Step.id.in_(ids), Step.state == current.value)
+        statement = statement.values({"state": target.value, **values})
+        moved |= set(session.scalars(statement.returning(Step.id), execution_options=UNSYNCHRONISED))
+    changed = [step for step in steps if step.id in moved]
+    _record(
+        session,
+        [_event(step.scan_id, step.id, step.generation, current.value, target.value, reason) for step in changed],
+    )
+    for step in changed:
+        session.expire(step)
+    return len(changed)
+
+
+def born_scan(session: Session, scan: Scan) -> None:
+    """Record the first state of a new scan."""
+    _record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted")])
+
+
+def born_steps(session: Session, steps: Sequence[Mapping[str, Any]], reason: str = "") -> None:
+    """Record the first state of new steps, given as the values of their rows."""
+    _record(
+        session,
+        [_event(row["scan_id"], row["id"], row["generation"], None, row["state"], reason) for row in steps],
+    )
+
+
+def _event(
+    scan_id: str, step_id: str | None, generation: int, before: str | None, after: str, reason: str
+) -> dict[str, Any]:
+    return {
+        "scan_id": scan_id,
+        "step_id": step_id,
+        "generation": generation,
+        "from_state": before,
+        "to_state": after,
+        "reason": reason[:64],
+    }
+
+
+def _record(session: Session, rows: list[dict[str, Any]]) -> None:
+    for start in range(0, len(rows), BATCH):
+        session.execute(insert(table_of(Event)).values(at=now_s()), rows[start : start + BATCH])
