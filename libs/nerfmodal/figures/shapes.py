@@ -53,7 +53,7 @@ def mode_shapes(organ: OrganResult) -> Figure:
     modes = [drawn_mode(organ, k) for k in range(count)]
     panels = space_panels(count, min(MOST_COLUMNS, count), PANEL, title=f"{organ.organ}: mode shapes, magnified")
     for k, (axes, mode) in enumerate(zip(panels.axes, modes, strict=True)):
-        axes.set_title(f"mode {k + 1}: {_measured(organ, k)}", fontsize=TITLE, y=1.0)
+        axes.set_title(_measured(organ, k), fontsize=TITLE, y=1.0)
         _draw(axes, mode, 1.0)
         frame_points(axes, reach_of(modes), zoom=0.82)
     _color_bar(panels)
@@ -66,7 +66,7 @@ def magnified_frames(organ: OrganResult) -> Figure:
     if not count:
         return say(new_figure(2.0), organ.model.outcome.value)
     modes = [drawn_mode(organ, k) for k in range(count)]
-    title = f"{organ.organ}: each mode alone, magnified, from its largest swing (0 ms) through half a period"
+    title = f"{organ.organ}: each mode alone, magnified, from its largest swing through half a period"
     panels = space_panels(count * len(PHASES), len(PHASES), SMALL_PANEL, title=title)
     moments = [(k, phase) for k in range(count) for phase in PHASES]
     for axes, (k, phase) in zip(panels.axes, moments, strict=True):
@@ -134,7 +134,7 @@ def _measured(organ: OrganResult, k: int) -> str:
 
 def _moment(organ: OrganResult, k: int, phase: float) -> str:
     frequency = float(organ.model.frequencies[k])
-    return f"mode {k + 1}: {frequency:.3g} Hz" if phase == 0 else f"{1e3 * phase / frequency:.0f} ms"
+    return f"{frequency:.4g} Hz: 0 ms" if phase == 0 else f"{1e3 * phase / frequency:.0f} ms"
 
 
 def _draw(axes: Axes3D, mode: DrawnMode, coordinate: float) -> None:

@@ -21,9 +21,8 @@ MOST_COMPONENTS = 6
 class Row:
     """One line of panels: a history in mm and, where it is a mode, what was identified of it."""
 
-    name: str
+    title: str
     values: Float[np.ndarray, " frames"]
-    remark: str = ""
     frequency: float | None = None
     frequency_std: float = 0.0
     damping: float | None = None
@@ -38,9 +37,8 @@ def principal_components(organ: OrganResult) -> Figure:
     energy = reduction.singular_values**2
     rows = [
         Row(
-            name=f"component {k + 1}",
+            title=f"component {k + 1}: {100 * energy[k] / energy.sum():.3g} % of energy",
             values=1e3 * score / spread,
-            remark=f"{100 * energy[k] / energy.sum():.3g} % of energy",
         )
         for k, score in enumerate(reduction.scores.T[:MOST_COMPONENTS])
     ]
@@ -57,9 +55,8 @@ def modal_coordinates(organ: OrganResult, excitation: str) -> Figure:
         return say(new_figure(2.0), model.outcome.value)
     rows = [
         Row(
-            name=f"mode {k + 1}",
             values=1e3 * model.coordinates[:, k],
-            remark=_remark(organ, k),
+            title=_remark(organ, k),
             frequency=float(model.frequencies[k]),
             frequency_std=float(model.frequency_stds[k]),
             damping=float(model.damping_ratios[k]) if excitation == "free_decay" else None,
@@ -96,7 +93,7 @@ def _history(axes: Axes, times: Float[np.ndarray, " frames"], values: Float[np.n
         envelope = _envelope(times, values, row.frequency, row.damping)
         axes.plot(times, envelope, "--", times, -envelope, "--", color=GREY, linewidth=0.9)
     label(axes, y="mm")
-    axes.set_title(f"{row.name}: {row.remark}", fontsize=LABEL, loc="left")
+    axes.set_title(row.title, fontsize=LABEL, loc="left")
 
 
 def _envelope(

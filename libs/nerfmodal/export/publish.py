@@ -1,0 +1,33 @@
+"""Everything a user downloads of a scan, written under one folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from nerfmodal.export.manifest import write_manifest
+from nerfmodal.export.modes import write_json, write_modes
+from nerfmodal.export.report import write_report
+from nerfmodal.io import write_result
+from nerfmodal.spec import ScanSpec
+from nerfmodal.types import Frame, PointCloud, ScanResult
+
+
+def publish(
+    spec: ScanSpec,
+    result: ScanResult,
+    frame: Frame | None,
+    cloud: PointCloud | None,
+    out: Path,
+    *,
+    pictures: Sequence[Path] = (),
+) -> tuple[Path, ...]:
+    """Write result.npz, spec.json, modes.json, modes.csv, shapes/, report.html and manifest.json under `out`.
+
+    `pictures` are files under `out` that were drawn before (`figures.draw`); they go into the report and the manifest.
+    Returns every file, pictures included.
+    """
+    write_result(out / "result.npz", result)
+    specification = write_json(spec.model_dump(mode="json"), out / "spec.json")
+    modes = write_modes(result, spec, out)
+    report = write_report(spec, result, frame, cloud, pictures, out / "report.html")
+    files = (out / "result.npz", specification, *modes, report, *pictures)
+    return (*files, write_manifest(files, out))
