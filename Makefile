@@ -1,0 +1,53 @@
+# make demo   a simulated plant through the whole service, a table of modes at the end
+# make test   every test
+# make check  style, types, import contracts
+# make bench  what is timed, each with its floor and its aim
+# make clean  remove what was built and written (.venv, out, caches)
+#
+# Each installs what it needs into .venv first: once, and again when pyproject.toml changes.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+EXTRAS := vision,simulate,postgres,dev
+
+.PHONY: demo test check bench clean install
+.DEFAULT_GOAL := help
+
+.PHONY: help
+help:
+	@sed -n 's/^# \{0,1\}//p' Makefile | sed '/^$$/q'
+
+demo: install
+	$(BIN)/nerfmodal demo --spec examples/acai.yaml --out out/demo
+
+test: install
+	$(BIN)/pytest
+
+check: install
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: install
+	@$(BIN)/python -c "import importlib.util, sys; sys.exit(importlib.util.find_spec('benchmarks') is None)" \
+	    || { echo "there is no benchmarks/ yet"; exit 1; }
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find libs services tests migrations -name __pycache__ -type d -prune -exec rm -rf {} +
+
+install: $(INSTALLED)
+	@deploy/system-libraries.sh $(VENV)
+
+$(INSTALLED): pyproject.toml
+	@deploy/make-venv.sh $(VENV)
+	@echo "installing into $(VENV): some minutes the first time"
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+	@touch $@
