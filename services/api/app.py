@@ -1,0 +1,52 @@
+"""The one factory of the API: tests pass other parts to the same function."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+from scanjobs.artifacts import ArtifactStore
+from scanjobs.settings import Settings
+from scanjobs.store import Store, open_store
+
+from services.api import errors
+from services.api.dependencies import Parts
+from services.api.middleware import BodyLimit, RequestIds
+from services.api.routes import artifacts, health, info, modes, scans
+from services.api.schemas import Problem
+
+DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
+ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
+
+
+def create_app(settings: Settings, store: Store | None = None, artifact_store: ArtifactStore | None = None) -> FastAPI:
+    """The API over a database that has its tables already.
+
+    A `store` that is given stays open when the app ends; one that is opened here is closed.
+    """
+    own = store is None
+    parts = Parts(
+        settings=settings,
+        store=store or open_store(settings.database),
+        artifacts=artifact_store or ArtifactStore(settings.artifacts),
+    )
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        yield
+        if own:
+            parts.store.close()
+
+    app = FastAPI(
+        title="nerfmodal",
+        version=info.package_version(),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        responses={422: {"description": "What is wrong, where, and what to change.", "model": Problem}},
+    )
+    app.state.parts = parts
+    app.add_middleware(BodyLimit)
+    app.add_middleware(RequestIds)
+    errors.install(app)
+    for module in (scans, modes, artifacts, info, health):
+        app.include_router(module.router)
+    return app

@@ -1,0 +1,158 @@
+"""Scans: submit, look, list, cancel, retry. Whatever is answered with 2xx has been committed before."""
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query, Response
+from nerfmodal.spec import ScanSpec
+from scanjobs.control import cancel_scan, retry_scan
+from scanjobs.repository import (
+    HIGHEST_LIMIT,
+    Idempotency,
+    Submission,
+    get_scan,
+    insert_scan,
+    list_scans,
+    list_steps,
+    step_summaries,
+    summaries_of,
+)
+from scanjobs.sources import confine_source
+from scanjobs.store import Store
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from services.api.complaints import json_pointer
+from services.api.dependencies import Owner, ScanId, TheParts
+from services.api.errors import RequestRefused
+from services.api.eta import measure_pace, seconds_left
+from services.api.schemas import STATES_OF, ScanDetail, ScanPage, ScanSummary, Status, StepDetail, StepList
+
+LOOK_AGAIN_S = "2"
+SURROGATE = re.compile("[\ud800-\udfff]")
+Key = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        min_length=1,
+        max_length=255,
+        pattern=r"^[\x21-\x7e]+$",
+        description="The same key with the same body answers with the same scan, however often it is sent.",
+    ),
+]
+Word = Annotated[str | None, Query(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+Step = Literal["scan.inspect", "frame.render", "frame.read", "frame.train", "frame.extract", "scan.identify"]
+From = Annotated[Step | None, Query(alias="from", description="Compute this kind and all after it afresh.")]
+router = APIRouter(prefix="/v1/scans", tags=["scans"])
+
+
+@router.post("", status_code=202)
+def submit(spec: ScanSpec, parts: TheParts, owner: Owner, response: Response, key: Key = None) -> ScanDetail:
+    """Start a scan. The answer names it at once; follow it at `Location`."""
+    refuse_unstorable(spec)
+    idempotency = Idempotency(key, spec.digest()) if key else None
+    confined = confine_source(parts.settings, spec)
+    submission = _store(parts.store, confined, owner, idempotency)
+    response.headers["Location"] = f"/v1/scans/{submission.scan.id}"
+    response.headers["Retry-After"] = LOOK_AGAIN_S
+    return _look(parts.store, submission.scan.id, owner)
+
+
+@router.get("")
+def list_(
+    parts: TheParts,
+    owner: Owner,
+    status: Annotated[list[Status] | None, Query()] = None,
+    plant: Word = None,
+    tag: Word = None,
+    cursor: Annotated[str | None, Query(max_length=512)] = None,
+    limit: Annotated[int, Query(ge=1, le=HIGHEST_LIMIT)] = 50,
+) -> ScanPage:
+    """Scans, the newest first; several `status` are joined by or, different filters by and."""
+    states = [state for word in status or () for state in STATES_OF[word]]
+    with parts.store.read() as session:
+        page = list_scans(session, owner=owner, states=states, plant_id=plant, tag=tag, cursor=cursor, limit=limit)
+        progress = summaries_of(session, page.items)
+    items = [ScanSummary.of(scan, progress[scan.id]) for scan in page.items]
+    return ScanPage(items=items, next_cursor=page.next_cursor)
+
+
+@router.get("/{scan_id}")
+def show(scan_id: ScanId, parts: TheParts, owner: Owner) -> ScanDetail:
+    """A scan with its progress per kind of step and the seconds it may still take."""
+    return _look(parts.store, scan_id, owner)
+
+
+@router.get("/{scan_id}/steps")
+def steps(scan_id: ScanId, parts: TheParts, owner: Owner) -> StepList:
+    """Every step of the present generation."""
+    with parts.store.read() as session:
+        rows = list_steps(session, get_scan(session, scan_id, owner=owner))
+    return StepList(items=[StepDetail.of(row) for row in rows])
+
+
+@router.post("/{scan_id}/cancel", status_code=202)
+def cancel(scan_id: ScanId, parts: TheParts, owner: Owner) -> ScanDetail:
+    """Stop a scan: what waits is canceled at once, what computes within seconds. 409 when it has ended."""
+    parts.store.write(lambda session: cancel_scan(session, scan_id, owner=owner))
+    return _look(parts.store, scan_id, owner)
+
+
+@router.post("/{scan_id}/retry", status_code=202)
+def retry(
+    scan_id: ScanId,
+    parts: TheParts,
+    owner: Owner,
+    from_step: Annotated[
+        Step | None, Query(alias="from", description="Compute this kind and all after it afresh.")
+    ] = None,
+) -> ScanDetail:
+    """Run an ended scan again: what had not succeeded, or everything from a step on. 409 while it runs."""
+    parts.store.write(lambda session: retry_scan(session, scan_id, owner=owner, from_kind=from_step))
+    return _look(parts.store, scan_id, owner)
+
+
+def refuse_unstorable(spec: ScanSpec) -> None:
+    """Python's JSON reader takes what JSON and UTF-8 cannot hold: NaN, infinity (1e999) and half a surrogate."""
+    for path, value in _leaves(spec.model_dump(), ()):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise _unstorable(path, "is not a finite number.")
+        if isinstance(value, str) and SURROGATE.search(value):
+            raise _unstorable(path, "holds half a surrogate pair.")
+
+
+def _unstorable(path: tuple[str | int, ...], what: str) -> RequestRefused:
+    return RequestRefused(
+        422, "INVALID_SPEC", what, pointer=json_pointer(path), hint="Give a value that JSON can hold."
+    )
+
+
+def _leaves(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    below = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else None
+    if below is None:
+        yield path, value
+        return
+    for key, item in below:
+        yield from _leaves(item, (*path, key))
+
+
+def _store(store: Store, spec: ScanSpec, owner: str, idempotency: Idempotency | None) -> Submission:
+    """Commit the scan. Where another request has just used the key, the second try finds that scan."""
+
+    def work(session: Session) -> Submission:
+        return insert_scan(session, spec, owner=owner, idempotency=idempotency)
+
+    try:
+        return store.write(work)
+    except IntegrityError:
+        return store.write(work)
+
+
+def _look(store: Store, scan_id: str, owner: str) -> ScanDetail:
+    with store.read() as session:
+        scan = get_scan(session, scan_id, owner=owner)
+        progress = step_summaries(session, scan)
+        eta_s = seconds_left(progress, measure_pace(session, scan)) if scan.finished_at is None else None
+    return ScanDetail.of(scan, progress, eta_s)
