@@ -1,0 +1,209 @@
+"""Ready steps become sent ones: a small window per queue, so that the broker's order never matters.
+
+At most twice the free slots of a queue are `sent`. Of what is ready comes first: the higher priority, the owner with
+the fewest steps under way, the scan with the fewest, the deepest step (a frame under way is finished before another
+is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is sent again.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from sqlalchemy import and_, func, or_, select
+from sqlalchemy.orm import Session
+
+from scanjobs.clock import now_s
+from scanjobs.messages import Message
+from scanjobs.states import WORKING_SCAN_STATES, StepState
+from scanjobs.tables import Scan, Step
+from scanjobs.transitions import move_step
+from scanjobs.workers import active_workers
+
+WINDOW: Final = 2
+"""Messages waiting for each free slot."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """A ready step, with what decides about its turn."""
+
+    step_id: str
+    queue: str
+    scan_id: str
+    owner: str
+    priority: int
+    depth: int
+    frame: int
+
+
+@dataclass(slots=True)
+class Room:
+    """How many steps each queue may still be sent; workers that serve several queues share their slots."""
+
+    queue_left: dict[str, int]
+    pool_of: dict[str, str]
+    pool_left: dict[str, int]
+
+    def is_left(self) -> bool:
+        """Whether any pool may still be sent a step."""
+        return any(left > 0 for left in self.pool_left.values())
+
+    def take(self, queue: str) -> bool:
+        """Use one place of a queue if there is one."""
+        pool = self.pool_of.get(queue)
+        if pool is None or self.queue_left[queue] <= 0 or self.pool_left[pool] <= 0:
+            return False
+        self.queue_left[queue] -= 1
+        self.pool_left[pool] -= 1
+        return True
+
+
+@dataclass(slots=True)
+class Load:
+    """Steps sent or running, by owner and by scan."""
+
+    owners: Counter[str] = field(default_factory=Counter)
+    scans: Counter[str] = field(default_factory=Counter)
+
+
+def dispatch(session: Session) -> tuple[Message, ...]:
+    """Move to `sent` what there is room for; the messages are to be published after the commit."""
+    room = _room(session)
+    if not room.is_left():
+        return ()
+    chosen = choose(_candidates(session, room), room, _load(session))
+    return tuple(message for step_id in chosen if (message := _send(session, step_id)) is not None)
+
+
+def take_back_unclaimed(session: Session, resend_s: float) -> int:
+    """Sent steps that nobody claimed in `resend_s` become ready again: their message is lost, or its worker."""
+    query = select(Step).where(Step.state == StepState.SENT, Step.sent_at < now_s() - resend_s).order_by(Step.id)
+    return sum(move_step(session, step, StepState.READY, reason="unclaimed") for step in session.scalars(query).all())
+
+
+def take_back(session: Session, step_id: str) -> bool:
+    """A worker that got the message will not take the step: it is ready for another one at once."""
+    step = session.get(Step, step_id, populate_existing=True)
+    if step is None or step.state != StepState.SENT:
+        return False
+    return move_step(session, step, StepState.READY, reason="declined")
+
+
+def choose(candidates: Iterable[Candidate], room: Room, load: Load) -> tuple[str, ...]:
+    """The steps to send, in order; `room` and `load` are used up as they are chosen. Pure."""
+    waiting = list(candidates)
+    chosen: list[str] = []
+    while waiting and room.is_left():
+        best = min(waiting, key=lambda step: _turn(step, load))
+        waiting.remove(best)
+        if room.take(best.queue):
+            chosen.append(best.step_id)
+            load.owners[best.owner] += 1
+            load.scans[best.scan_id] += 1
+    return tuple(chosen)
+
+
+def _turn(step: Candidate, load: Load) -> tuple[int, int, int, int, str, int, str]:
+    return (
+        -step.priority,
+        load.owners[step.owner],
+        load.scans[step.scan_id],
+        -step.depth,
+        step.scan_id,
+        step.frame,
+        step.step_id,
+    )
+
+
+def _send(session: Session, step_id: str) -> Message | None:
+    step = session.get(Step, step_id, populate_existing=True)
+    if step is None or step.state != StepState.READY:
+        return None
+    sent = move_step(session, step, StepState.SENT, values={"sent_at": now_s(), "not_before": None})
+    return Message(step.kind, step.queue, step.id) if sent else None
+
+
+def _room(session: Session) -> Room:
+    workers = active_workers(session)
+    running = _count_by_queue(session, StepState.RUNNING)
+    sent = _count_by_queue(session, StepState.SENT)
+    return room_of([(set(worker.queues.split(",")), worker.slots) for worker in workers], running, sent)
+
+
+def room_of(workers: Sequence[tuple[set[str], int]], running: Counter[str], sent: Counter[str]) -> Room:
+    """Room in every queue, from the workers' (queues, slots) and what is under way. Pure."""
+    pool_of = _pools([queues for queues, _ in workers])
+    slots_of_queue: Counter[str] = Counter()
+    slots_of_pool: Counter[str] = Counter()
+    for queues, slots in workers:
+        slots_of_pool[pool_of[min(queues)]] += slots
+        slots_of_queue.update(dict.fromkeys(queues, slots))
+    busy: Counter[str] = Counter()
+    waiting: Counter[str] = Counter()
+    for queue, pool in pool_of.items():
+        busy[pool] += running[queue]
+        waiting[pool] += sent[queue]
+    free = {pool: max(0, slots - busy[pool]) for pool, slots in slots_of_pool.items()}
+    queue_left = {
+        queue: WINDOW * min(slots, free[pool_of[queue]]) - sent[queue] for queue, slots in slots_of_queue.items()
+    }
+    return Room(queue_left, pool_of, {pool: WINDOW * free[pool] - waiting[pool] for pool in free})
+
+
+def _pools(groups: Sequence[set[str]]) -> dict[str, str]:
+    """Queues that are linked by a worker serving both, under the name of the first of them."""
+    pools: list[set[str]] = []
+    for group in groups:
+        linked = [pool for pool in pools if pool & group]
+        pools = [pool for pool in pools if not pool & group] + [set(group).union(*linked)]
+    return {queue: min(pool) for pool in pools for queue in pool}
+
+
+def _count_by_queue(session: Session, state: StepState) -> Counter[str]:
+    query = select(Step.queue, func.count()).where(Step.state == state).group_by(Step.queue)
+    return Counter({row[0]: row[1] for row in session.execute(query)})
+
+
+def _load(session: Session) -> Load:
+    query = (
+        select(Scan.owner, Scan.id, func.count())
+        .join(Step, Step.scan_id == Scan.id)
+        .where(Step.state.in_([StepState.SENT, StepState.RUNNING]))
+        .group_by(Scan.owner, Scan.id)
+    )
+    load = Load()
+    for owner, scan_id, count in session.execute(query):
+        load.owners[owner] += count
+        load.scans[scan_id] += count
+    return load
+
+
+def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
+    """The few steps of every scan and queue that could be next."""
+    most = max(room.pool_left.values())
+    place = func.row_number().over(
+        partition_by=(Step.scan_id, Step.queue), order_by=(Step.depth.desc(), Step.frame, Step.id)
+    )
+    ready = (
+        select(Step.id, Step.queue, Step.depth, Step.frame, Scan.id.label("scan_id"), Scan.owner, Scan.priority)
+        .add_columns(place.label("place"))
+        .join(Scan, Scan.id == Step.scan_id)
+        .where(and_(Step.state == StepState.READY, Scan.state.in_([state.value for state in WORKING_SCAN_STATES])))
+        .where(or_(Step.not_before.is_(None), Step.not_before <= now_s()))
+        .where(Step.queue.in_([queue for queue, left in room.queue_left.items() if left > 0]))
+        .subquery()
+    )
+    rows = session.execute(select(ready).where(ready.c.place <= most))
+    return tuple(
+        Candidate(
+            step_id=row.id,
+            queue=row.queue,
+            scan_id=row.scan_id,
+            owner=row.owner,
+            priority=row.priority,
+            depth=row.depth,
+            frame=row.frame,
+        )
+        for row in rows
+    )

@@ -1,0 +1,109 @@
+"""What the end of one step means for the others: children woken, the plan expanded, a frame lost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nerfmodal.spec import ScanSpec
+from sqlalchemy import func, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.orm import Session
+
+from scanjobs.clock import now_s
+from scanjobs.messages import IDENTIFY, INSPECT
+from scanjobs.plan import StepKey, is_essential, later_steps
+from scanjobs.planting import plant
+from scanjobs.settling import fail_scan
+from scanjobs.states import StepState
+from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
+from scanjobs.transitions import UNSYNCHRONISED, move_step
+
+STORED = "stored"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """A stored file that a step made."""
+
+    role: str
+    name: str
+    digest: str
+    size: int
+    media_type: str
+
+
+def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> None:
+    """Refer to the files that the step made; the bytes are in the store already."""
+    for output in outputs:
+        _know_artifact(session, output)
+    rows = [{"step_id": step.id, "role": out.role, "name": out.name, "digest": out.digest} for out in outputs]
+    if rows:
+        session.execute(insert(table_of(ArtifactRef)), rows)
+
+
+def expand_plan(session: Session, scan: Scan, step: Step) -> None:
+    """Plan the rest of a scan whose source has been inspected."""
+    if step.kind != INSPECT:
+        return
+    frames = int((step.facts or {})["frames"])
+    session.execute(update(Scan).where(Scan.id == scan.id).values(frames=frames), execution_options=UNSYNCHRONISED)
+    plant(session, scan, later_steps(ScanSpec.model_validate(scan.spec), frames))
+
+
+def release_children(session: Session, step: Step) -> None:
+    """Count one parent less for every child, and wake those that wait for nothing more."""
+    children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
+    statement = (
+        update(Step)
+        .where(Step.id.in_(children), Step.state == StepState.PENDING)
+        .values(deps_left=Step.deps_left - 1)
+        .returning(Step.id, Step.deps_left)
+    )
+    counted = session.execute(statement, execution_options=UNSYNCHRONISED).all()
+    for child_id in sorted(child_id for child_id, left in counted if left == 0):
+        child = session.get_one(Step, child_id, populate_existing=True)
+        move_step(session, child, StepState.READY)
+
+
+def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) -> None:
+    """A step has failed for good: the scan goes on without its frame, or ends."""
+    if is_essential(StepKey(step.kind, step.frame)) or _lost_frames(session, scan) > scan.max_failed_frames:
+        fail_scan(session, scan, error)
+        return
+    for descendant in _waiting_steps_of_frame(session, step):
+        values = {"error": error, "finished_at": now_s()}
+        move_step(session, descendant, StepState.FAILED, reason="frame lost", values=values)
+        release_children(session, descendant)
+    release_children(session, step)
+
+
+def _lost_frames(session: Session, scan: Scan) -> int:
+    query = select(func.count(Step.frame.distinct())).where(
+        Step.scan_id == scan.id, Step.generation == scan.generation, Step.state == StepState.FAILED
+    )
+    return session.scalars(query).one()
+
+
+def _waiting_steps_of_frame(session: Session, step: Step) -> tuple[Step, ...]:
+    query = select(Step).where(
+        Step.scan_id == step.scan_id,
+        Step.generation == step.generation,
+        Step.frame == step.frame,
+        Step.kind != IDENTIFY,
+        Step.depth > step.depth,
+        Step.state == StepState.PENDING,
+    )
+    return tuple(session.scalars(query.order_by(Step.depth)))
+
+
+def _know_artifact(session: Session, output: Output) -> None:
+    row = {
+        "digest": output.digest,
+        "size": output.size,
+        "media_type": output.media_type,
+        "state": STORED,
+        "created_at": now_s(),
+    }
+    dialect = postgresql if session.get_bind().dialect.name == "postgresql" else sqlite
+    statement = dialect.insert(Artifact).values(row)
+    session.execute(statement.on_conflict_do_update(index_elements=["digest"], set_={"state": STORED}))

@@ -1,0 +1,291 @@
+"""Who computes a step, and until when: claim, renew, finish, fail, give back, reap.
+
+A claim takes the next fencing token of its step; every later write names that token and does nothing when another
+claim has been made since. Leases run on the database's clock. `finish` counts down what the children wait for in the
+transaction that ends the parent, so exactly one parent finds itself the last.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+from sqlalchemy import insert, select, update
+from sqlalchemy.orm import Session
+
+from scanjobs.clock import now_s
+from scanjobs.errors import NotFound
+from scanjobs.fanin import Output, attach_outputs, expand_plan, lose_frame, release_children
+from scanjobs.settling import hold_scan, settle
+from scanjobs.states import WORKING_SCAN_STATES, ScanState, StepState
+from scanjobs.tables import ArtifactRef, Attempt, Scan, Step, StepDependency
+from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_step
+
+FIRST_PAUSE_S: Final = 1.0
+"""Before the second attempt; doubled for each later one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputFile:
+    """An artifact that a parent made."""
+
+    kind: str
+    frame: int
+    role: str
+    name: str
+    digest: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """The right to compute one step once, and all that is needed for it."""
+
+    step_id: str
+    scan_id: str
+    token: int
+    attempt: int
+    kind: str
+    frame: int
+    spec: dict[str, Any]
+    inputs: tuple[InputFile, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """Why an attempt failed, in the words that the user reads."""
+
+    code: str
+    message: str
+    hint: str | None = None
+    retryable: bool = True
+    counted: bool = True
+    """False where the step is not to blame: a full disk."""
+
+
+class Standing(StrEnum):
+    """What a claim is worth now."""
+
+    HELD = "held"
+    LOST = "lost"
+    CANCELED = "canceled"
+
+
+def claim(session: Session, step_id: str, worker_id: str, lease_s: float) -> Claim | None:
+    """Take a sent step; None when it is no longer there to be taken."""
+    held = _held_step(session, step_id)
+    if held is None:
+        return None
+    scan, step = held
+    if step.state != StepState.SENT or scan.state not in WORKING_SCAN_STATES:
+        return None
+    _start_scan(session, scan)
+    values = {
+        "token": step.token + 1,
+        "attempt": step.attempt + 1,
+        "worker_id": worker_id,
+        "lease_until": now_s() + lease_s,
+        "started_at": now_s(),
+        "progress_done": 0,
+        "progress_total": 0,
+        "progress_message": "",
+        "error": None,
+    }
+    if not move_step(session, step, StepState.RUNNING, values=values):
+        return None
+    attempt = {"step_id": step.id, "token": step.token, "worker_id": worker_id, "started_at": now_s()}
+    session.execute(insert(Attempt).values(attempt))
+    return _claim_of(session, scan, step)
+
+
+def note_runner(session: Session, held: Claim, pid: int, log_key: str) -> bool:
+    """Record which process computes the claim, and where it logs."""
+    statement = update(Attempt).where(Attempt.step_id == held.step_id, Attempt.token == held.token)
+    session.execute(statement.values(pid=pid, log_key=log_key), execution_options=UNSYNCHRONISED)
+    return True
+
+
+def renew(session: Session, held: Claim, lease_s: float, done: int, total: int, message: str) -> Standing:
+    """Prolong the lease and tell how far the step is."""
+    statement = (
+        update(Step)
+        .where(Step.id == held.step_id, Step.token == held.token, Step.state == StepState.RUNNING)
+        .values(
+            lease_until=now_s() + lease_s,
+            progress_done=done,
+            progress_total=total,
+            progress_message=message[:500],
+        )
+    )
+    session.execute(statement, execution_options=UNSYNCHRONISED)
+    return standing(session, held)
+
+
+def standing(session: Session, held: Claim) -> Standing:
+    """Whether the step is still this claim's, and wanted."""
+    query = select(Step.token, Step.state, Scan.state).join(Scan, Scan.id == Step.scan_id)
+    row = session.execute(query.where(Step.id == held.step_id)).one_or_none()
+    if row is None or row[0] != held.token or row[1] != StepState.RUNNING:
+        return Standing.LOST
+    return Standing.CANCELED if row[2] == ScanState.CANCELING else Standing.HELD
+
+
+def finish(session: Session, held: Claim, outputs: Sequence[Output], facts: dict[str, Any]) -> bool:
+    """Accept the result of a claim and wake what waited for it; False when the claim is lost."""
+    owned = _owned(session, held)
+    if owned is None:
+        return False
+    scan, step = owned
+    attach_outputs(session, step, outputs)
+    _move_from_running(session, step, StepState.SUCCEEDED, "succeeded", facts=facts, finished_at=now_s())
+    if scan.state in WORKING_SCAN_STATES:
+        expand_plan(session, scan, step)
+        release_children(session, step)
+    settle(session, scan)
+    return True
+
+
+def fail(session: Session, held: Claim, failure: Failure, max_attempts: int, *, exit_code: int | None = None) -> bool:
+    """Record a failed attempt: the step is tried again, or is lost for good; False when the claim is lost."""
+    owned = _owned(session, held)
+    if owned is None:
+        return False
+    scan, step = owned
+    _end_attempt(session, step, "failed", exit_code, failure)
+    _after_failure(session, scan, step, failure, max_attempts)
+    return True
+
+
+def give_back(session: Session, held: Claim, reason: str) -> bool:
+    """Return a step untouched, its attempt not counted (a drain); False when the claim is lost."""
+    owned = _owned(session, held)
+    if owned is None:
+        return False
+    scan, step = owned
+    if scan.state == ScanState.CANCELING:
+        return _stop(session, scan, step, reason)
+    _move_from_running(session, step, StepState.READY, reason, attempt=max(0, step.attempt - 1))
+    return True
+
+
+def stopped(session: Session, held: Claim) -> bool:
+    """The step of a cancelled scan has stopped computing; False when the claim is lost."""
+    owned = _owned(session, held)
+    return owned is not None and _stop(session, *owned, "canceled")
+
+
+def reap(session: Session, step_id: str, max_attempts: int) -> bool:
+    """Take a step from a worker that has not been heard of for a lease; False when there is nothing to take."""
+    held = _held_step(session, step_id)
+    if held is None:
+        return False
+    scan, step = held
+    overdue = select(Step.id).where(Step.id == step_id, Step.lease_until < now_s(), Step.state == StepState.RUNNING)
+    if session.scalars(overdue).first() is None:
+        return False
+    failure = Failure(code="LEASE_EXPIRED", message="the worker that computed this step was not heard of any more.")
+    _end_attempt(session, step, "lease expired", None, failure)
+    _after_failure(session, scan, step, failure, max_attempts)
+    return True
+
+
+def overdue_steps(session: Session) -> tuple[str, ...]:
+    """Running steps whose lease has expired."""
+    query = select(Step.id).where(Step.state == StepState.RUNNING, Step.lease_until < now_s())
+    return tuple(session.scalars(query.order_by(Step.id)))
+
+
+def _held_step(session: Session, step_id: str) -> tuple[Scan, Step] | None:
+    scan_id = session.scalars(select(Step.scan_id).where(Step.id == step_id)).one_or_none()
+    if scan_id is None:
+        return None
+    try:
+        scan = hold_scan(session, scan_id)
+    except NotFound:
+        return None
+    step = session.get(Step, step_id, populate_existing=True)
+    return None if step is None else (scan, step)
+
+
+def _owned(session: Session, held: Claim) -> tuple[Scan, Step] | None:
+    found = _held_step(session, held.step_id)
+    if found is None or found[1].token != held.token or found[1].state != StepState.RUNNING:
+        return None
+    return found
+
+
+def _start_scan(session: Session, scan: Scan) -> None:
+    if scan.state == ScanState.QUEUED:
+        move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
+
+
+def _claim_of(session: Session, scan: Scan, step: Step) -> Claim:
+    return Claim(
+        step_id=step.id,
+        scan_id=scan.id,
+        token=step.token,
+        attempt=step.attempt,
+        kind=step.kind,
+        frame=step.frame,
+        spec=scan.spec,
+        inputs=inputs_of(session, step.id),
+    )
+
+
+def inputs_of(session: Session, step_id: str) -> tuple[InputFile, ...]:
+    """What the parents of a step have made; never the truth of a simulation."""
+    query = (
+        select(Step.kind, Step.frame, ArtifactRef.role, ArtifactRef.name, ArtifactRef.digest)
+        .join(StepDependency, StepDependency.parent_id == Step.id)
+        .join(ArtifactRef, ArtifactRef.step_id == Step.id)
+        .where(StepDependency.child_id == step_id, ArtifactRef.role != "truth")
+        .order_by(Step.depth, Step.frame, ArtifactRef.role)
+    )
+    return tuple(
+        InputFile(kind=kind, frame=frame, role=role, name=name, digest=digest)
+        for kind, frame, role, name, digest in session.execute(query)
+    )
+
+
+def _after_failure(session: Session, scan: Scan, step: Step, failure: Failure, max_attempts: int) -> None:
+    error = _error_of(step, failure)
+    if scan.state == ScanState.CANCELING:
+        _stop(session, scan, step, failure.code)
+    elif failure.retryable and (step.attempt < max_attempts or not failure.counted):
+        pause = now_s() + FIRST_PAUSE_S * 2 ** max(0, step.attempt - 1)
+        attempt = step.attempt if failure.counted else max(0, step.attempt - 1)
+        _move_from_running(session, step, StepState.READY, failure.code, error=error, not_before=pause, attempt=attempt)
+    else:
+        _move_from_running(session, step, StepState.FAILED, failure.code, error=error, finished_at=now_s())
+        lose_frame(session, scan, step, error)
+
+
+def _error_of(step: Step, failure: Failure) -> dict[str, Any]:
+    return {
+        "step": step.kind,
+        "frame": step.frame,
+        "code": failure.code,
+        "message": failure.message,
+        "hint": failure.hint,
+        "retryable": failure.retryable,
+    }
+
+
+def _stop(session: Session, scan: Scan, step: Step, reason: str) -> bool:
+    _move_from_running(session, step, StepState.CANCELED, reason, finished_at=now_s())
+    settle(session, scan)
+    return True
+
+
+def _move_from_running(session: Session, step: Step, target: StepState, reason: str, **values: Any) -> None:
+    _end_attempt(session, step, reason, None, None)
+    move_step(session, step, target, reason=reason, values={"lease_until": None, "worker_id": None, **values})
+
+
+def _end_attempt(session: Session, step: Step, outcome: str, exit_code: int | None, failure: Failure | None) -> None:
+    values: dict[str, Any] = {"ended_at": now_s(), "outcome": outcome[:32]}
+    if failure is not None:
+        values |= {"exit_code": exit_code, "error": _error_of(step, failure)}
+    statement = update(Attempt).where(
+        Attempt.step_id == step.id, Attempt.token == step.token, Attempt.ended_at.is_(None)
+    )
+    session.execute(statement.values(values), execution_options=UNSYNCHRONISED)

@@ -1,0 +1,72 @@
+"""The only place where Celery is configured. Messages are JSON and carry a step's id; results live in SQL.
+
+Messages are acknowledged early: a step that its worker loses comes back by its lease, not by redelivery.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from celery import Celery
+from kombu import Queue
+
+from scanjobs.messages import KINDS, QUEUE_OF, QUEUES, Message
+
+Supervise = Callable[[str], None]
+
+
+def make_app(broker_url: str) -> Celery:
+    """A Celery application that can publish; `serve` makes it a worker's."""
+    app = Celery("nerfmodal", broker=broker_url, set_as_current=False)
+    app.conf.update(
+        result_backend=None,
+        task_ignore_result=True,
+        task_acks_late=False,
+        worker_prefetch_multiplier=1,
+        worker_disable_prefetch=broker_url.startswith("redis"),
+        worker_pool="threads",
+        worker_cancel_long_running_tasks_on_connection_loss=False,
+        task_serializer="json",
+        accept_content=["json"],
+        task_publish_retry=False,
+        broker_transport_options=_transport_options(broker_url),
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,
+        task_queues=[Queue(name) for name in QUEUES],
+        task_create_missing_queues=False,
+        task_routes={kind: {"queue": queue} for kind, queue in QUEUE_OF.items()},
+        worker_enable_remote_control=False,
+        worker_send_task_events=False,
+        worker_hijack_root_logger=False,
+        worker_redirect_stdouts=False,
+    )
+    return app
+
+
+def serve(app: Celery, supervise: Supervise) -> None:
+    """Let every task of the application call one supervisor.
+
+    Celery's pool threads look tasks up in the default application, so a process can serve only one at a time.
+    """
+    app.set_default()
+    for kind in KINDS:
+        app.task(name=kind, ignore_result=True, shared=False)(_doorbell(supervise))
+
+
+def publish(app: Celery, message: Message) -> None:
+    """Ring for a step. Raises kombu's OperationalError when the broker cannot be reached."""
+    app.send_task(message.kind, args=(message.step_id,), queue=message.queue, ignore_result=True)
+
+
+def _doorbell(supervise: Supervise) -> Supervise:
+    def ring(step_id: str) -> None:
+        supervise(step_id)
+
+    return ring
+
+
+def _transport_options(broker_url: str) -> dict[str, Any]:
+    if broker_url.startswith("redis"):
+        return {"socket_timeout": 5, "socket_connect_timeout": 3, "health_check_interval": 25}
+    if broker_url.startswith("memory"):
+        return {"polling_interval": 0.05}
+    return {}

@@ -1,0 +1,151 @@
+"""Wiring: a worker is a ticker, a supervisor and a Celery pool of threads around one store and one broker.
+
+`create_worker` builds one; `embedded_worker` runs one inside another process, on a data folder that nobody else uses.
+"""
+
+import fcntl
+import logging
+import os
+import socket
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import uuid6
+from celery import Celery
+from celery.worker import WorkController
+from scanjobs import workers
+from scanjobs.artifacts import ArtifactStore
+from scanjobs.errors import DataFolderInUse
+from scanjobs.messages import QUEUES
+from scanjobs.migrate import upgrade
+from scanjobs.queue import make_app, serve
+from scanjobs.settings import Settings
+from scanjobs.store import Store, open_store
+from scanjobs.workers import WorkerIdentity
+from sqlalchemy.exc import SQLAlchemyError
+
+from services.worker.supervisor import Supervisor
+from services.worker.ticker import Ticker
+
+log = logging.getLogger(__name__)
+
+LOCK_NAME: Final = "server.lock"
+
+
+class Worker:
+    """A worker of this process. `start`, then `stop` (which drains), once each."""
+
+    def __init__(self, *, store: Store, app: Celery, settings: Settings, identity: WorkerIdentity) -> None:
+        self.identity = identity
+        self.drained = threading.Event()
+        self._store = store
+        self._settings = settings
+        self.supervisor = Supervisor(
+            store=store,
+            artifacts=ArtifactStore(settings.artifacts),
+            settings=settings,
+            worker_id=identity.id,
+            on_change=self._wake,
+        )
+        serve(app, self.supervisor.supervise)
+        self._celery = _pool(app, identity)
+        self._consumer = threading.Thread(target=self._celery.start, name="consumer", daemon=True)
+        self._ticker = Ticker(
+            store=store,
+            app=app,
+            settings=settings,
+            identity=identity,
+            on_tick=lambda: self.supervisor.children.end_idle(settings.runner_idle_s),
+            on_drain=self.drained.set,
+        )
+
+    def start(self) -> None:
+        """Begin to take steps."""
+        self._ticker.start()
+        self._consumer.start()
+
+    def stop(self) -> None:
+        """Drain: give the steps under way back, and end. Takes at most about `drain_s`."""
+        self._leave()
+        self.supervisor.drain()
+        self._ticker.stop()
+        self._celery.stop()
+        self._consumer.join(self._settings.drain_s)
+        self.supervisor.close()
+        self._store.close()
+
+    def _wake(self) -> None:
+        self._ticker.wake()
+
+    def _leave(self) -> None:
+        try:
+            self._store.write(lambda session: workers.leave(session, self.identity))
+        except SQLAlchemyError:
+            log.warning("the database does not answer; this worker is forgotten when its lease ends")
+
+
+def create_worker(settings: Settings, *, queues: Sequence[str] = QUEUES, slots: int | None = None) -> Worker:
+    """A worker that is not started yet; the database must be up to date."""
+    identity = WorkerIdentity(
+        id=str(uuid6.uuid7()),
+        host=socket.gethostname(),
+        pid=os.getpid(),
+        queues=tuple(queues),
+        slots=slots or settings.slots,
+    )
+    store = open_store(settings.database)
+    return Worker(store=store, app=make_app(settings.broker_url), settings=settings, identity=identity)
+
+
+@contextmanager
+def embedded_worker(
+    settings: Settings, *, queues: Sequence[str] = QUEUES, slots: int | None = None
+) -> Iterator[Worker]:
+    """A worker inside this process while the block runs; brings the database up to date first.
+
+    Raises
+    ------
+    DataFolderInUse
+        Another server runs on the same data folder.
+    """
+    with only_server(settings.data_folder):
+        upgrade(settings.database)
+        worker = create_worker(settings, queues=queues, slots=slots)
+        worker.start()
+        try:
+            yield worker
+        finally:
+            worker.stop()
+
+
+@contextmanager
+def only_server(data_folder: Path) -> Iterator[None]:
+    """Hold the data folder's lock; the kernel lets go of it when this process dies."""
+    data_folder.mkdir(parents=True, exist_ok=True)
+    with (data_folder / LOCK_NAME).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise DataFolderInUse(
+                f"another server runs on {data_folder.resolve()}.",
+                hint="Stop it, or set NERFMODAL_DATA_FOLDER to another folder.",
+            ) from error
+        yield
+
+
+def _pool(app: Celery, identity: WorkerIdentity) -> Any:
+    return WorkController(
+        app=app,
+        hostname=f"{identity.id}@{identity.host}",
+        concurrency=identity.slots,
+        queues=list(identity.queues),
+        pool="threads",
+        loglevel=logging.WARNING,
+        without_heartbeat=True,
+        without_mingle=True,
+        without_gossip=True,
+        quiet=True,
+    )

@@ -1,0 +1,231 @@
+"""One step from its doorbell to its end: claim it, let a runner compute it, watch both, write down what came of it.
+
+The supervisor imports nothing heavy. While a runner computes it renews the lease, relays progress and looks for a
+cancel. When it cannot renew for a whole lease it kills its own runner: somebody else may have the step by then.
+"""
+
+import logging
+import queue
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from scanjobs import dispatch, leases
+from scanjobs.artifacts import ArtifactStore, place_input
+from scanjobs.errors import ArtifactDamaged, NotFound
+from scanjobs.fanin import Output
+from scanjobs.leases import Claim, Failure, Standing
+from scanjobs.media import media_type_of
+from scanjobs.settings import Settings
+from scanjobs.store import Store
+from sqlalchemy.exc import SQLAlchemyError
+
+from services.worker.child import Child, Children
+from services.worker.protocol import Line, Order, read_failed, read_produced
+from services.worker.runner import DISK_FULL
+
+log = logging.getLogger(__name__)
+
+PROGRESS_S: Final = 1.0
+"""Progress is written at most this often."""
+
+
+@dataclass(slots=True)
+class Watch:
+    """What is known of a running step; `renewed_at` is the monotonic time at which the last good renewal began."""
+
+    renewed_at: float
+    done: int = 0
+    total: int = 0
+    message: str = ""
+    told: bool = True
+
+    def note(self, line: Line) -> None:
+        """Take over a progress line."""
+        progress = line["progress"]
+        self.done, self.total, self.message = progress["done"], progress["total"], progress["message"]
+        self.told = False
+
+    def is_due(self, lease_s: float) -> bool:
+        """Whether the lease or the progress must be written now."""
+        age = time.monotonic() - self.renewed_at
+        return age >= lease_s / 3 or (not self.told and age >= PROGRESS_S)
+
+
+class Supervisor:
+    """Runs steps for one worker; `supervise` is called by as many threads as the worker has slots."""
+
+    def __init__(
+        self,
+        *,
+        store: Store,
+        artifacts: ArtifactStore,
+        settings: Settings,
+        worker_id: str,
+        on_change: Callable[[], None],
+    ) -> None:
+        self._store = store
+        self._artifacts = artifacts
+        self._settings = settings
+        self._worker_id = worker_id
+        self._on_change = on_change
+        self._work = settings.data_folder.resolve() / "work" / worker_id
+        self._draining = threading.Event()
+        self.children = Children(settings, settings.data_folder.resolve() / "logs" / worker_id)
+
+    def drain(self) -> None:
+        """Take no more steps, and give back those under way."""
+        self._draining.set()
+
+    def close(self) -> None:
+        """End the idle runners and remove the working folder."""
+        self.children.end_idle(0.0)
+        shutil.rmtree(self._work, ignore_errors=True)
+
+    def supervise(self, step_id: str) -> None:
+        """Compute one step if it is still to be had."""
+        if self._draining.is_set():
+            self._store.write(lambda session: dispatch.take_back(session, step_id))
+            return
+        began = time.monotonic()
+        lease_s = self._settings.lease_s
+        claim = self._store.write(lambda session: leases.claim(session, step_id, self._worker_id, lease_s))
+        if claim is None:
+            return
+        folder = self._work / f"{claim.step_id}-{claim.token}"
+        try:
+            self._compute(claim, folder, Watch(began))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+            self._on_change()
+
+    def _compute(self, claim: Claim, folder: Path, watch: Watch) -> None:
+        try:
+            order = self._order(claim, folder)
+        except (ArtifactDamaged, NotFound) as error:
+            self._fail(claim, Failure(code=error.code, message=error.message, hint=error.hint, retryable=False))
+            return
+        child = self.children.take(claim.kind)
+        self._write(watch, lambda session: leases.note_runner(session, claim, child.pid, child.log_path.name))
+        child.order(order)
+        line = self._watch(claim, child, watch)
+        if line is not None:
+            self._conclude(claim, child, line, watch)
+
+    def _order(self, claim: Claim, folder: Path) -> Order:
+        (folder / "out").mkdir(parents=True)
+        inputs = []
+        for one in claim.inputs:
+            path = folder / "in" / f"{one.kind}-{one.frame}" / one.name
+            place_input(self._artifacts.path(one.digest), path)
+            inputs.append({"kind": one.kind, "frame": one.frame, "role": one.role, "path": str(path)})
+        return Order(kind=claim.kind, frame=claim.frame, spec=claim.spec, inputs=tuple(inputs), out=str(folder / "out"))
+
+    def _watch(self, claim: Claim, child: Child, watch: Watch) -> Line | None:
+        """The runner's last line, or None when the step was taken from it."""
+        looked_at = time.monotonic()
+        while True:
+            try:
+                line = child.receive(self._settings.watch_s)
+            except queue.Empty:
+                line = {}
+            if line is None:
+                return self._death_of(child)
+            if "progress" in line:
+                watch.note(line)
+            elif line:
+                return line
+            if time.monotonic() - looked_at >= self._settings.watch_s:
+                looked_at = time.monotonic()
+                if not self._go_on(claim, child, watch):
+                    return None
+
+    def _go_on(self, claim: Claim, child: Child, watch: Watch) -> bool:
+        """Look at the claim; False after the runner has been stopped for a reason that is written down."""
+        if self._draining.is_set():
+            child.stop(self._settings.stop_grace_s)
+            self._write(watch, lambda session: leases.give_back(session, claim, "drain"))
+            return False
+        standing = self._standing(claim, watch)
+        if standing is Standing.HELD:
+            return True
+        child.stop(self._settings.stop_grace_s if standing is Standing.CANCELED else 0.0)
+        if standing is Standing.CANCELED:
+            self._write(watch, lambda session: leases.stopped(session, claim))
+        return False
+
+    def _standing(self, claim: Claim, watch: Watch) -> Standing:
+        asked_at = time.monotonic()
+        try:
+            if not watch.is_due(self._settings.lease_s):
+                with self._store.read() as session:
+                    return leases.standing(session, claim)
+            standing = self._store.write(
+                lambda session: leases.renew(
+                    session, claim, self._settings.lease_s, watch.done, watch.total, watch.message
+                )
+            )
+        except SQLAlchemyError:
+            log.warning("the database does not answer; step %s goes on while its lease lasts", claim.step_id)
+            return Standing.LOST if self._is_expired(watch) else Standing.HELD
+        watch.renewed_at, watch.told = asked_at, True
+        return standing
+
+    def _is_expired(self, watch: Watch) -> bool:
+        return time.monotonic() - watch.renewed_at >= self._settings.lease_s
+
+    def _conclude(self, claim: Claim, child: Child, line: Line, watch: Watch) -> None:
+        if "failed" in line:
+            exit_code = child.exit_code
+            child.kill()
+            failed = read_failed(line)
+            counted = failed.code != DISK_FULL
+            failure = Failure(
+                code=failed.code,
+                message=failed.message,
+                hint=failed.hint,
+                retryable=failed.retryable,
+                counted=counted,
+            )
+            self._fail(claim, failure, exit_code)
+            return
+        self.children.give_back(child)
+        made, facts = read_produced(line)
+        outputs = tuple(self._keep(one.role, one.path) for one in made)
+        accepted = self._write(watch, lambda session: leases.finish(session, claim, outputs, facts))
+        if not accepted:
+            log.warning("the result of step %s came too late and is dropped", claim.step_id)
+
+    def _keep(self, role: str, path: Path) -> Output:
+        stored = self._artifacts.put(path)
+        return Output(
+            role=role, name=path.name, digest=stored.digest, size=stored.size, media_type=media_type_of(path.name)
+        )
+
+    def _fail(self, claim: Claim, failure: Failure, exit_code: int | None = None) -> None:
+        log.warning(
+            "step %s (%s, frame %s): %s %s", claim.step_id, claim.kind, claim.frame, failure.code, failure.message
+        )
+        most = self._settings.max_attempts
+        self._store.write(lambda session: leases.fail(session, claim, failure, most, exit_code=exit_code))
+
+    def _death_of(self, child: Child) -> Line:
+        child.kill()
+        message = f"the process that computed the step ended with code {child.exit_code}."
+        hint = "It may have run out of memory: use fewer slots, points or pixels." if child.exit_code == -9 else None
+        return {"failed": {"code": "RUNNER_DIED", "message": message, "hint": hint, "retryable": True}}
+
+    def _write(self, watch: Watch, work: Callable[[Any], bool]) -> bool:
+        """Write down an ending, trying again while the database is away and the lease lasts."""
+        while True:
+            try:
+                return self._store.write(work)
+            except SQLAlchemyError:
+                if self._is_expired(watch):
+                    log.exception("the database was away for a whole lease; the result is dropped")
+                    return False
+                time.sleep(self._settings.watch_s)

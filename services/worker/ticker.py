@@ -1,0 +1,95 @@
+"""The heart of a worker: every tick it says that it lives, takes back what was lost, and sends what is ready.
+
+Every worker process has one; they need no leader, because each move they make is guarded by the state it starts from.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+
+from celery import Celery
+from kombu.exceptions import OperationalError as BrokerError
+from scanjobs import dispatch, leases, workers
+from scanjobs.messages import Message
+from scanjobs.queue import publish
+from scanjobs.settings import Settings
+from scanjobs.store import Store
+from scanjobs.workers import WorkerIdentity
+from sqlalchemy.exc import SQLAlchemyError
+
+log = logging.getLogger(__name__)
+
+
+class Ticker:
+    """A thread that ticks every `tick_s`, and at once when told that something has changed."""
+
+    def __init__(
+        self,
+        *,
+        store: Store,
+        app: Celery,
+        settings: Settings,
+        identity: WorkerIdentity,
+        on_tick: Callable[[], None],
+        on_drain: Callable[[], None],
+    ) -> None:
+        self._store = store
+        self._app = app
+        self._settings = settings
+        self._identity = identity
+        self._on_tick = on_tick
+        self._on_drain = on_drain
+        self._wake = threading.Event()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ticker", daemon=True)
+
+    def start(self) -> None:
+        """Make the worker known and begin to tick."""
+        self._store.write(lambda session: workers.register(session, self._identity, self._settings.lease_s))
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Tick now: a step has ended."""
+        self._wake.set()
+
+    def stop(self) -> None:
+        """Tick no more."""
+        self._ended.set()
+        self._wake.set()
+        self._thread.join()
+
+    def tick(self) -> None:
+        """One tick; what cannot be done now is done by the next."""
+        if self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s)) != "active":
+            self._on_drain()
+        self._take_back_lost()
+        for message in self._store.write(dispatch.dispatch):
+            self._ring(message)
+        self._on_tick()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self.tick()
+            except SQLAlchemyError:
+                log.exception("the database does not answer; next try in %s s", self._settings.tick_s)
+            self._wake.wait(self._settings.tick_s)
+            self._wake.clear()
+
+    def _take_back_lost(self) -> None:
+        with self._store.read() as session:
+            overdue = leases.overdue_steps(session)
+        for step_id in overdue:
+            log.warning("the lease of step %s has expired", step_id)
+            self._reap(step_id)
+        self._store.write(lambda session: dispatch.take_back_unclaimed(session, self._settings.resend_s))
+
+    def _reap(self, step_id: str) -> None:
+        most = self._settings.max_attempts
+        self._store.write(lambda session: leases.reap(session, step_id, most))
+
+    def _ring(self, message: Message) -> None:
+        try:
+            publish(self._app, message)
+        except (BrokerError, OSError):
+            log.warning("the broker does not answer; step %s is sent again later", message.step_id)

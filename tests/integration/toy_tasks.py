@@ -1,0 +1,80 @@
+"""Steps that burn a little time and write small files, with ways to make them fail.
+
+The plant's `treatment` says what goes wrong, as `KIND:FRAME:WHAT` separated by spaces, for instance
+`frame.train:1:invalid`. WHAT is `invalid` (a permanent error), `broken` (an error every time), `die` (the process
+kills itself), `die_once` (only while the file `die_once` beside the log does not exist) or `slow` (takes a minute).
+"""
+
+import hashlib
+import os
+import signal
+import time
+from pathlib import Path
+
+from nerfmodal.errors import InvalidInput
+from nerfmodal.pipeline import Progress, Report
+from scanjobs.messages import EXTRACT, IDENTIFY, INSPECT, READ, RENDER, TRAIN
+
+from services.worker.job import Job, Produced
+from services.worker.protocol import Made
+
+ROLES = {RENDER: "frame", READ: "frame", TRAIN: "checkpoint", EXTRACT: "cloud", IDENTIFY: "result.npz"}
+SECONDS = float(os.environ.get("TOY_SECONDS", "0.05"))
+FRAMES_OF_A_CAPTURE = 2
+
+
+def toy(job: Job, report: Report) -> Produced:
+    """Read all inputs, take a while, write one file that depends on them."""
+    _go_wrong(job, report)
+    _burn(SECONDS, report)
+    if job.kind == INSPECT:
+        return Produced(files=(), facts={"frames": FRAMES_OF_A_CAPTURE})
+    digest = hashlib.sha256(f"{job.spec.seed} {job.kind} {job.frame}".encode())
+    for one in job.inputs:
+        assert one.role != "truth"
+        digest.update(one.path.read_bytes())
+    path = job.out / f"{job.kind}-{job.frame}.txt"
+    path.write_text(f"{job.kind} {job.frame} {len(job.inputs)} {digest.hexdigest()}\n")
+    print("a library that prints to stdout")  # must not reach the supervisor
+    files = [Made(ROLES[job.kind], path)]
+    if job.kind == RENDER and job.frame == 0:
+        truth = job.out / "truth.npz"
+        truth.write_text("what was imposed\n")
+        files.append(Made("truth", truth))
+    return Produced(files=tuple(files), facts={"pid": os.getpid()})
+
+
+def _burn(seconds: float, report: Report) -> None:
+    total = max(1, round(seconds / 0.01))
+    for done in range(total):
+        end = time.monotonic() + seconds / total
+        while time.monotonic() < end:
+            hashlib.sha256(b"x" * 1000).digest()
+        report(Progress(done=done + 1, total=total))
+
+
+def _go_wrong(job: Job, report: Report) -> None:
+    plans = (job.spec.plant.treatment or "").split() if job.spec.plant else []
+    for plan in plans:
+        kind, frame, what = plan.split(":", 2)
+        if (kind, int(frame)) == (job.kind, job.frame):
+            _fail_as(what, report)
+
+
+def _fail_as(what: str, report: Report) -> None:
+    if what == "invalid":
+        raise InvalidInput("the toy is broken.", where="/source", hint="Mend the toy.")
+    if what == "broken":
+        raise RuntimeError("the toy fails every time")
+    if what == "slow":
+        _burn(60.0, report)
+    if what == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if what.startswith("die_once"):
+        mark = Path(what.partition("=")[2])
+        if not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+TASKS = dict.fromkeys((INSPECT, RENDER, READ, TRAIN, EXTRACT, IDENTIFY), toy)
