@@ -2,6 +2,7 @@
 # make test   every test
 # make check  style, types, import contracts
 # make bench  what is timed, each with its floor and its aim
+# make docs   write docs/reference from the code
 # make clean  remove what was built and written (.venv, out, caches)
 #
 # Each installs what it needs into .venv first: once, and again when pyproject.toml changes.
@@ -14,12 +15,16 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 EXTRAS := vision,simulate,postgres,dev
 
-.PHONY: demo test check bench clean install
+.PHONY: demo test check bench docs clean install
 .DEFAULT_GOAL := help
 
 .PHONY: help
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | sed '/^$$/q'
+
+# The documents that are written from the code.
+docs: install
+	$(BIN)/python docs/reference/generate.py
 
 demo: install
 	$(BIN)/nerfmodal demo --spec examples/acai.yaml --out out/demo

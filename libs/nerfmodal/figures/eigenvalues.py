@@ -13,7 +13,7 @@ MOST_SHOWN = 21
 def eigenvalues(organ: OrganResult) -> Figure:
     """Eigenvalues per sensor in mm² on a logarithmic scale, those kept filled, and their cumulative share."""
     figure = new_figure(2.6)
-    if organ.reduction is None or not organ.reduction.singular_values.size:
+    if organ.reduction is None or not organ.reduction.singular_values.any():
         return say(figure, organ.model.outcome.value)
     values = covariance_eigenvalues(organ)
     rank = organ.reduction.scores.shape[1]

@@ -31,7 +31,7 @@ class Row:
 def principal_components(organ: OrganResult) -> Figure:
     """Score of each principal component over time and its power spectral density (Figure 6)."""
     reduction = organ.reduction
-    if reduction is None or not reduction.scores.size:
+    if reduction is None or not reduction.singular_values.any():
         return say(new_figure(2.0), organ.model.outcome.value)
     spread = np.sqrt(len(reduction.mean))
     energy = reduction.singular_values**2
