@@ -1,0 +1,74 @@
+"""Variable projection: frequencies and damping ratios of damped sinusoids common to many whitened channels.
+
+The amplitudes are eliminated by least squares at every step; the Jacobian is Kaufman's. Golub and Pereyra (1973, 2003).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from nerfmodal.identify.lines import column_derivatives, damped_columns
+
+MOST_STEPS = 60
+SETTLED = 1e-10
+"""Relative fall of the cost at which the fit has settled."""
+FIRST_DAMPING = 1e-3
+LARGEST_DAMPING = 1e8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Lowest and highest (frequency Hz, damping ratio) of any line."""
+
+    low: Float[np.ndarray, " 2"]
+    high: Float[np.ndarray, " 2"]
+
+
+def refine(
+    times: Float[np.ndarray, " frames"],
+    white: Float[np.ndarray, "frames channels"],
+    lines: Float[np.ndarray, "modes 2"],
+    bounds: Bounds | None,
+) -> tuple[Float[np.ndarray, "modes 2"], Float[np.ndarray, "parameters parameters"]]:
+    """Lines that leave the least residual, and the normal matrix JᵀJ of (frequencies, damping ratios) there.
+
+    Without `bounds` nothing moves and only the normal matrix is computed.
+    """
+    cost, normal, gradient = _linearise(times, white, lines)
+    if bounds is None:
+        return lines, normal
+    damping = FIRST_DAMPING
+    for _ in range(MOST_STEPS):
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-300), gradient)
+        trial = np.clip(lines + step.reshape(2, -1).T, bounds.low, bounds.high)
+        trial_cost, trial_normal, trial_gradient = _linearise(times, white, trial)
+        if trial_cost >= cost:
+            damping *= 10.0
+            if damping > LARGEST_DAMPING:
+                break
+            continue
+        settled = cost - trial_cost <= SETTLED * cost
+        lines, cost, normal, gradient = trial, trial_cost, trial_normal, trial_gradient
+        damping = max(damping / 10.0, 1e-12)
+        if settled:
+            break
+    return lines, normal
+
+
+def _linearise(times: np.ndarray, white: np.ndarray, lines: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, JᵀJ and the descent direction Jᵀr at `lines`."""
+    orthogonal, triangle = np.linalg.qr(damped_columns(times, lines))
+    projected = orthogonal.T @ white
+    residuals = white - orthogonal @ projected
+    amplitudes = np.linalg.lstsq(triangle, projected, rcond=None)[0]
+    slopes = np.stack(
+        [
+            derivative @ amplitudes[1 + 2 * mode : 3 + 2 * mode]
+            for parameter in (0, 1)
+            for mode, derivative in enumerate(column_derivatives(times, lines, parameter))
+        ]
+    )
+    slopes = slopes - np.einsum("fk,kg,pgc->pfc", orthogonal, orthogonal.T, slopes, optimize=True)
+    flat = slopes.reshape(len(slopes), -1)
+    return float((residuals**2).sum()), flat @ flat.T, flat @ residuals.ravel()

@@ -1,0 +1,55 @@
+"""Principal components of the displacement matrix (eq 12): rows are time, columns are degrees of freedom.
+
+Thin SVD D - mean = V S Uᵀ; components U (dofs, r), scores eta = D U = V S (frames, r). The paper prints D U_rᵀ, whose
+shapes do not fit. Where D = C Bᵀ, QR of B and the SVD of C Rᵀ give *exactly* the same at the cost of a (frames,
+terms) matrix.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from nerfmodal.types import Reduction
+
+
+def reduce_matrix(displacement: Float[np.ndarray, "frames dofs"], rank: int | None = None) -> Reduction:
+    """Principal components of the full matrix, metres; frames with NaN are left out and have NaN scores.
+
+    Parameters
+    ----------
+    displacement
+        Displacement of every degree of freedom in every frame.
+    rank
+        Components kept; all by default.
+    """
+    return _reduce(displacement, None, rank)
+
+
+def reduce_coefficients(
+    coefficients: Float[np.ndarray, "frames terms"], basis: Float[np.ndarray, "dofs terms"], rank: int | None = None
+) -> Reduction:
+    """Principal components of `coefficients` @ `basis`.T, without ever forming it."""
+    orthogonal, triangle = np.linalg.qr(basis)
+    return _reduce(coefficients @ triangle.T, orthogonal, rank)
+
+
+def _reduce(rows: np.ndarray, orthogonal: np.ndarray | None, rank: int | None) -> Reduction:
+    seen = np.isfinite(rows).all(axis=1)
+    mean = rows[seen].mean(axis=0)
+    left, singular, right = np.linalg.svd(rows[seen] - mean, full_matrices=False)
+    kept = len(singular) if rank is None else min(rank, len(singular))
+    scores = np.full((len(rows), kept), np.nan)
+    scores[seen] = left[:, :kept] * singular[:kept]  # eq 12: eta = D U_r = V_r S_r
+    components, signs = _fix_signs(right[:kept].T if orthogonal is None else orthogonal @ right[:kept].T)
+    return Reduction(
+        components=components,
+        scores=scores * signs,
+        singular_values=singular,
+        mean=mean if orthogonal is None else orthogonal @ mean,
+    )
+
+
+def _fix_signs(components: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest element of every component positive: the SVD leaves the sign open."""
+    largest = np.argmax(np.abs(components), axis=0)
+    signs = np.where(components[largest, np.arange(components.shape[1])] < 0, -1.0, 1.0)
+    return components * signs, signs

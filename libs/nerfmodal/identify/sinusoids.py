@@ -1,0 +1,179 @@
+"""The default estimator: a whitened joint fit of damped sinusoids to all channels ("gls").
+
+Every channel (principal-component score) is a constant plus the same modes, each with its own amplitude and phase:
+
+    y_c(t) = k_c + Σ_j exp(-ζ_j ω_j t) (a_jc cos ω_dj t + b_jc sin ω_dj t) + e_c(t)
+
+Variable projection: frequencies and damping ratios by Levenberg-Marquardt, the rest by least squares inside. The
+channels are whitened with the covariance of the residual (generalised least squares). Modes are added one at a time
+while the best line on a grid beats all shuffles of the frames. Time stamps are arbitrary: a lost frame is simply
+absent. It is never started from a Hann-windowed FFT, which erases the early decay.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy import linalg
+
+from nerfmodal.identify.lines import damped_columns, find_line
+from nerfmodal.identify.projection import Bounds, refine
+
+LOWEST_HZ = 0.35
+HIGHEST_SHARE = 0.45
+"""Of the frame rate: above it a line cannot be told from its alias."""
+DAMPING_RANGE = (-0.05, 0.20)
+ROUNDS = 2
+CLOSEST = 0.1
+"""Two lines closer than this over the record's length are one line split in two."""
+NOTHING_LEFT = 1e-10
+"""Share of the energy below which the residual is rounding, not noise."""
+CHANNEL_FLOOR = 1e-6
+WHITENING_FLOOR = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinusoidFit:
+    """Lines by frequency. `covariance` is of (frequencies Hz, damping ratios), 2 modes square.
+
+    `amplitudes` are of exp(λ (t - times[0])): a channel is the real part of their sum, in the channels' unit.
+    """
+
+    times: Float[np.ndarray, " frames"]
+    frequencies: Float[np.ndarray, " modes"]
+    damping_ratios: Float[np.ndarray, " modes"]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    amplitudes: Complex[np.ndarray, "modes channels"]
+    constant: Float[np.ndarray, " channels"]
+    residuals: Float[np.ndarray, "frames channels"]
+    noise: Float[np.ndarray, "channels channels"]
+
+    @property
+    def frequency_stds(self) -> Float[np.ndarray, " modes"]:
+        """Standard deviations in Hz."""
+        return np.sqrt(np.diag(self.covariance)[: len(self.frequencies)])
+
+    @property
+    def damping_stds(self) -> Float[np.ndarray, " modes"]:
+        """Standard deviations of the damping ratios."""
+        return np.sqrt(np.diag(self.covariance)[len(self.frequencies) :])
+
+    def lag_one(self) -> float:
+        """Correlation of the whitened residual from frame to frame; above 0.2 the intervals are optimistic."""
+        white = self.residuals @ _whitener(self.noise)
+        return float((white[1:] * white[:-1]).sum() / max((white**2).sum(), 1e-300))
+
+
+def useful_channels(scores: Float[np.ndarray, "frames rank"]) -> int:
+    """How many leading scores a record of this length can carry: a third of its frames, none that is rounding."""
+    sizes = np.linalg.norm(scores, axis=0)
+    alive = int(np.count_nonzero(sizes > CHANNEL_FLOOR * max(sizes.max(initial=0.0), 1e-300)))
+    return max(1, min(alive, (len(scores) - 9) // 3))
+
+
+def fit_sinusoids(
+    times: Float[np.ndarray, " frames"],
+    channels: Float[np.ndarray, "frames channels"],
+    *,
+    frame_rate: float,
+    max_modes: int,
+    rng: np.random.Generator,
+) -> SinusoidFit:
+    """All lines that stand out of the noise.
+
+    Parameters
+    ----------
+    times
+        Instants in seconds, increasing, any spacing.
+    channels
+        Scores in metres; linearly independent, fewer than a third of the frames (`useful_channels`).
+    frame_rate
+        Nominal rate in Hz: lines are searched up to 0.45 of it.
+    max_modes
+        At most this many lines.
+    rng
+        Draws the shuffles.
+    """
+    band = (max(1.0 / (times[-1] - times[0]), LOWEST_HZ), HIGHEST_SHARE * frame_rate)
+    lines = np.zeros((0, 2))
+    total = ((channels - channels.mean(axis=0)) ** 2).sum()
+    while len(lines) < max_modes:
+        residuals = _solve_linear(times, channels, lines)[1]
+        if (residuals**2).sum() <= NOTHING_LEFT * total:
+            break
+        line = find_line(times, residuals, lines, band=band, rng=rng)
+        if line is None:
+            break
+        grown = fit_lines(times, channels, np.vstack([lines, line]), frame_rate=frame_rate)
+        if _split(grown, times):
+            break
+        lines = grown
+    return _summarise(times, channels, lines)
+
+
+def fit_lines(
+    times: Float[np.ndarray, " frames"],
+    channels: Float[np.ndarray, "frames channels"],
+    start: Float[np.ndarray, "modes 2"],
+    *,
+    frame_rate: float,
+) -> Float[np.ndarray, "modes 2"]:
+    """Joint fit of a given number of lines (frequency Hz, damping ratio) from `start`, covariance re-estimated."""
+    span = times[-1] - times[0]
+    bounds = Bounds(low=np.array([0.5 / span, DAMPING_RANGE[0]]), high=np.array([0.49 * frame_rate, DAMPING_RANGE[1]]))
+    lines = start
+    for _ in range(ROUNDS):
+        residuals = _solve_linear(times, channels, lines)[1]
+        whitener = _whitener(_covariance(residuals, channels, lines))
+        lines, _ = refine(times, channels @ whitener, lines, bounds)
+    return lines
+
+
+def _solve_linear(times: np.ndarray, channels: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    design = damped_columns(times, lines)
+    solution, *_ = np.linalg.lstsq(design, channels, rcond=None)
+    return solution, channels - design @ solution
+
+
+def _covariance(residuals: np.ndarray, channels: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    freedom = max(len(residuals) - 2 * len(lines) - 1, 1)
+    floor = WHITENING_FLOOR * np.var(channels, axis=0).sum() + 1e-300
+    return np.asarray(residuals.T @ residuals / freedom + floor * np.eye(residuals.shape[1]))
+
+
+def _whitener(noise: np.ndarray) -> np.ndarray:
+    """W with (y @ W) of unit covariance."""
+    return np.asarray(linalg.solve_triangular(np.linalg.cholesky(noise), np.eye(len(noise)), lower=True).T)
+
+
+def _split(lines: np.ndarray, times: np.ndarray) -> bool:
+    frequencies = np.sort(lines[:, 0])
+    return bool(np.any(np.diff(frequencies) < CLOSEST / (times[-1] - times[0])))
+
+
+def _summarise(times: np.ndarray, channels: np.ndarray, lines: np.ndarray) -> SinusoidFit:
+    solution, residuals = _solve_linear(times, channels, lines)
+    noise = _covariance(residuals, channels, lines)
+    order = np.argsort(lines[:, 0], kind="stable")
+    lines = lines[order]
+    amplitudes = (solution[1::2] - 1j * solution[2::2])[order]
+    return SinusoidFit(
+        times=times,
+        frequencies=lines[:, 0],
+        damping_ratios=lines[:, 1],
+        covariance=_parameter_covariance(times, channels @ _whitener(noise), lines),
+        amplitudes=amplitudes,
+        constant=solution[0],
+        residuals=residuals,
+        noise=noise,
+    )
+
+
+def _parameter_covariance(times: np.ndarray, white: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Inverse of the Gauss-Newton normal matrix; widened because the noise covariance was itself estimated."""
+    if not len(lines):
+        return np.zeros((0, 0))
+    _, normal = refine(times, white, lines, None)
+    freedom = len(times) - 2 * len(lines) - 1
+    widening = freedom / max(freedom - white.shape[1], 1)
+    return np.asarray(np.linalg.pinv(normal, hermitian=True) * widening)

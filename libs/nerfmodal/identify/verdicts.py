@@ -1,0 +1,93 @@
+"""What is said of a mode: accepted, doubtful or rejected, always with its reasons.
+
+A line at a sum or difference of two stronger ones is no mode of the structure but of the geometry (a swing of large
+angle shows its second harmonic). The other reasons leave the mode in the list as doubtful; disagreement of the
+methods and a frequency near Nyquist are stated with an accepted mode: complexity pursuit is the weaker of the two on
+short records, and an alias cannot be seen.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from nerfmodal.types import Reason, Verdict
+
+COMBINATION_HZ = 0.08
+COMBINATION_SDS = 3.0
+COMBINATION_SHARE = 0.20
+WEAK_SHARE = 0.02
+FEWEST_PERIODS = 2.0
+ALIAS_SHARE = 0.45
+NEGATIVE_SDS = 3.0
+LOWEST_MPC = 0.5
+DRIFT_LAG = 0.2
+LOWEST_TO_RESIDUAL = 1.0
+"""Peak of a modal coordinate over the residual's standard deviation along its shape."""
+SAFE_TO_RESIDUAL = 5.0
+"""Above this a drift of the record does not throw doubt on a mode."""
+
+REJECTING = frozenset({Reason.HARMONIC})
+STATED_ONLY = frozenset({Reason.METHODS_DISAGREE, Reason.ALIAS_SUSPECT})
+
+
+def combination_lines(
+    frequencies: Float[np.ndarray, " modes"],
+    deviations: Float[np.ndarray, " modes"],
+    amplitudes: Float[np.ndarray, " modes"],
+) -> list[bool]:
+    """Which lines lie at |f_a ± f_b| (2f included) of two lines that are both five times stronger."""
+    return [
+        any(
+            _meets(frequencies[line], frequencies[a], frequencies[b], deviations[line])
+            for a in range(len(frequencies))
+            for b in range(a, len(frequencies))
+            if amplitudes[line] < COMBINATION_SHARE * min(amplitudes[a], amplitudes[b])
+        )
+        for line in range(len(frequencies))
+    ]
+
+
+def _meets(line: float, first: float, second: float, deviation: float) -> bool:
+    within = max(COMBINATION_HZ, COMBINATION_SDS * deviation)
+    return min(abs(first + second - line), abs(abs(first - second) - line)) <= within
+
+
+def reasons_of(
+    *,
+    frequency: float,
+    damping_ratio: float,
+    damping_std: float,
+    amplitude: float,
+    strongest: float,
+    residual: float,
+    mpc: float,
+    agreement: float | None,
+    combination: bool,
+    duration: float,
+    frame_rate: float,
+    lag_one: float,
+) -> tuple[Reason, ...]:
+    """Every reason that holds, in a fixed order.
+
+    `amplitude`, `strongest` and `residual` (standard deviation) are of modal coordinates in metres; `agreement` is
+    the MAC with the other method's mode, None if it has none there.
+    """
+    tests = {
+        Reason.HARMONIC: combination,
+        Reason.RECORD_TOO_SHORT: frequency * duration < FEWEST_PERIODS,
+        Reason.ALIAS_SUSPECT: frequency > ALIAS_SHARE * frame_rate,
+        Reason.NEGATIVE_DAMPING: damping_ratio < -NEGATIVE_SDS * damping_std - 1e-6,
+        Reason.LOW_MPC: mpc < LOWEST_MPC,
+        Reason.WEAK: amplitude < WEAK_SHARE * strongest,
+        Reason.FIT_RESIDUAL_HIGH: amplitude < LOWEST_TO_RESIDUAL * residual,
+        Reason.DRIFT: lag_one > DRIFT_LAG,
+        Reason.METHODS_DISAGREE: agreement is None,
+    }
+    return tuple(reason for reason, holds in tests.items() if holds)
+
+
+def verdict_of(reasons: tuple[Reason, ...], amplitude_to_residual: float) -> Verdict:
+    """Rejected by a rejecting reason, doubtful by any other that is not merely stated."""
+    if REJECTING.intersection(reasons):
+        return Verdict.REJECTED
+    stated = STATED_ONLY | ({Reason.DRIFT} if amplitude_to_residual >= SAFE_TO_RESIDUAL else set())
+    return Verdict.DOUBTFUL if set(reasons) - stated else Verdict.ACCEPTED

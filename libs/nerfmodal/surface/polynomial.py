@@ -1,0 +1,71 @@
+"""A leaf: heights over its own plane as a polynomial of a total degree (5: the paper's `poly55`, 21 terms)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from nerfmodal.geometry.frames import LocalFrame
+from nerfmodal.surface.basis import PolynomialBasis, basis_around
+from nerfmodal.surface.outline import Outline, place_sensors, trace_outline
+from nerfmodal.surface.plane import plane_frame
+from nerfmodal.surface.robust import Prior, RobustFit, fit_robustly
+
+ON_SURFACE_SDS = 4.0
+"""Pooled points within this many robust scales of the pooled surface (its motion included) draw the outline."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolynomialSurface:
+    """What stays fixed through the record: the frame, the basis, the outline and the sensors' (x, y)."""
+
+    frame: LocalFrame
+    basis: PolynomialBasis
+    outline: Outline
+    sensors: Float[np.ndarray, "sensors 2"]
+
+    @property
+    def directions(self) -> Float[np.ndarray, "1 3"]:
+        """Displacement is measured along the normal of the leaf's plane."""
+        return self.frame.axes[:, 2][None, :]
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients: the terms of the polynomial."""
+        return self.basis.terms
+
+    def fit(self, points: Float[np.ndarray, "points 3"], prior: Prior | None = None) -> RobustFit | None:
+        """The coefficients of one frame's points (world, metres); None without more points than terms."""
+        local = self.frame.to_local(points)
+        local = local[self.basis.contains(local[:, :2])]
+        if len(local) <= self.basis.terms:
+            return None
+        start = None if prior is None else prior.mean
+        return fit_robustly(self.basis.evaluate(local[:, :2]), local[:, 2], start=start, prior=prior)
+
+    def displacement_basis(self) -> Float[np.ndarray, "dofs terms"]:
+        """B of D = C Bᵀ: the basis at the sensors."""
+        return self.basis.evaluate(self.sensors)
+
+    def positions(self, coefficients: Float[np.ndarray, " terms"]) -> Float[np.ndarray, "sensors 3"]:
+        """Where the sensors are (world, metres) when the surface has these coefficients."""
+        heights = self.displacement_basis() @ coefficients
+        return self.frame.to_world(np.column_stack([self.sensors, heights]))
+
+
+def choose_polynomial(pooled: Float[np.ndarray, "points 3"], *, degree: int, sensors: int) -> PolynomialSurface:
+    """The fixed parts, from points pooled over the record. Raises `InvalidClouds` if they lie on a line."""
+    frame = plane_frame(pooled)
+    local = frame.to_local(pooled)
+    rough = basis_around(trace_outline(local[:, :2]).corners(), degree)
+    local = local[rough.contains(local[:, :2])]
+    design = rough.evaluate(local[:, :2])
+    fit = fit_robustly(design, local[:, 2])
+    near = np.abs(local[:, 2] - design @ fit.coefficients) <= ON_SURFACE_SDS * fit.scale
+    outline = trace_outline(local[near, :2])
+    return PolynomialSurface(
+        frame=frame,
+        basis=basis_around(outline.corners(), degree),
+        outline=outline,
+        sensors=place_sensors(outline, sensors),
+    )
