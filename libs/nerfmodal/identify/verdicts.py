@@ -48,7 +48,7 @@ def combination_lines(
 
 def _meets(line: float, first: float, second: float, deviation: float) -> bool:
     within = max(COMBINATION_HZ, COMBINATION_SDS * deviation)
-    return min(abs(first + second - line), abs(abs(first - second) - line)) <= within
+    return bool(min(abs(first + second - line), abs(abs(first - second) - line)) <= within)
 
 
 def reasons_of(
