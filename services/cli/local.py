@@ -1,0 +1,116 @@
+"""The commands that compute in this process: run, simulate, reconstruct, identify. The science is imported on use."""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from nerfmodal.spec import CaptureSource, CloudsSource, ScanSpec
+
+from services.cli.output import Json, modes_table, print_json, results
+from services.cli.progress import stage_bars
+from services.cli.specs import SpecFile, load, parse_spec, read_spec, read_text
+
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for what is written.", show_default="out/NAME")]
+BaseSpec = Annotated[Path | None, typer.Option("--spec", help="A specification for the rest; its source is not used.")]
+
+
+def run(spec_file: SpecFile, out: Out = None, as_json: Json = False) -> None:
+    """Run a whole scan in this process, without a service."""
+    from nerfmodal import pipeline
+
+    spec = read_spec(spec_file)
+    folder = out or Path("out") / spec.name
+    with stage_bars(quiet=as_json) as report:
+        pipeline.run(spec, folder, report=report)
+    show_results(folder, as_json=as_json)
+
+
+def simulate(spec_file: SpecFile, out: Out = None, as_json: Json = False) -> None:
+    """Film a simulated plant: images, transforms.json, and the truth that was imposed."""
+    from services.cli.captures import write_capture
+
+    spec = read_spec(spec_file)
+    folder = out or Path("out") / spec.name
+    with stage_bars(quiet=as_json) as report:
+        frames = write_capture(spec, folder, report=report)
+    _say(as_json, {"out": str(folder), "frames": frames}, f"{frames} frames in {folder}")
+
+
+def reconstruct(
+    capture: Annotated[Path, typer.Argument(help="Folder with a transforms.json.", show_default=False)],
+    out: Out = None,
+    spec_file: BaseSpec = None,
+    downscale: Annotated[int, typer.Option(min=1, max=64, help="Shrink pictures by this factor.")] = 1,
+    hold_out_every: Annotated[int | None, typer.Option(min=2, help="Keep every n-th view to measure the PSNR.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Turn a capture into point clouds (frame_0000.ply …, clouds.json) and metrics.json."""
+    from services.cli.captures import reconstruct_capture
+
+    source = CaptureSource(kind="capture", path=str(capture), downscale=downscale, hold_out_every=hold_out_every)
+    spec = spec_around(source, capture, spec_file)
+    folder = out or Path("out") / spec.name
+    with stage_bars(quiet=as_json) as report:
+        metrics = reconstruct_capture(spec, folder, report=report)
+    _say(as_json, {"out": str(folder), "frames": metrics}, f"{len(metrics)} clouds in {folder}")
+
+
+def identify(
+    clouds: Annotated[Path, typer.Argument(help="Folder of PLY + clouds.json, or an .npz.", show_default=False)],
+    out: Out = None,
+    spec_file: BaseSpec = None,
+    as_json: Json = False,
+) -> None:
+    """Find the modes of a sequence of point clouds of any sensor."""
+    from nerfmodal import pipeline
+
+    spec = spec_around(CloudsSource(kind="clouds", path=str(clouds)), clouds, spec_file)
+    folder = out or Path("out") / spec.name
+    pipeline.check_source(spec)
+    with stage_bars(quiet=as_json) as report:
+        read = list(pipeline.read_clouds(spec))
+        result = pipeline.identify(spec, read, report=lambda now: report("identify", now))
+    folder.mkdir(parents=True, exist_ok=True)
+    pipeline.publish(spec, result, None, read[0] if read else None, folder)
+    show_results(folder, as_json=as_json)
+
+
+def spec_around(source: CaptureSource | CloudsSource, path: Path, spec_file: Path | None) -> ScanSpec:
+    """The specification of a file, or the defaults, with this source; named after `path` unless the file names it."""
+    document: Any = {}
+    text = ""
+    if spec_file is not None:
+        text = read_text(spec_file)
+        document = load(text, spec_file) or {}
+    if not isinstance(document, dict):
+        return parse_spec(document, text, spec_file or path)  # raises: it is no object
+    named = {"name": scan_name(path)} | document | {"source": source.model_dump(mode="json")}
+    return parse_spec(named, text, spec_file or path)
+
+
+def scan_name(path: Path) -> str:
+    """A name that a specification takes, made from a path's last part."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.resolve().stem).lstrip("_.-")[:64]
+    return name or "scan"
+
+
+def show_results(folder: Path, *, as_json: bool) -> None:
+    """Print the modes that were published under `folder`."""
+    document = json.loads((folder / "modes.json").read_text())
+    if as_json:
+        print_json({"out": str(folder), "modes": document})
+        return
+    console = results()
+    console.print(modes_table(document))
+    if document.get("outcome", "OK") != "OK":
+        console.print(document["message"])
+    console.print(f"Results in {folder}: report.html, modes.json")
+
+
+def _say(as_json: bool, document: dict[str, Any], text: str) -> None:
+    if as_json:
+        print_json(document)
+    else:
+        results().print(text)
