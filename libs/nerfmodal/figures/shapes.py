@@ -55,7 +55,7 @@ def mode_shapes(organ: OrganResult) -> Figure:
     for k, (axes, mode) in enumerate(zip(panels.axes, modes, strict=True)):
         axes.set_title(_measured(organ, k), fontsize=TITLE, y=1.0)
         _draw(axes, mode, 1.0)
-        frame_points(axes, reach_of(modes), zoom=0.82)
+        frame_points(axes, reach_of(modes), zoom=0.85)
     _color_bar(panels)
     return panels.figure
 
