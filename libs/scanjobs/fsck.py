@@ -105,13 +105,13 @@ def _ended_scans_are_quiet(session: Session) -> Iterator[str]:
 
 def _events_replay(session: Session) -> Iterator[str]:
     """The last event of every scan and step tells its present state."""
-    last_of_step = select(func.max(Event.id)).where(Event.step_id == Step.id).scalar_subquery()
-    told_of_step = select(Event.to_state).where(Event.id == last_of_step).scalar_subquery()
-    for step_id in session.scalars(select(Step.id).where(func.coalesce(told_of_step, "") != Step.state)):
+    last = select(func.max(Event.id).label("id")).group_by(Event.scan_id, Event.step_id).subquery()
+    told = select(Event.scan_id, Event.step_id, Event.to_state).join(last, last.c.id == Event.id).subquery()
+    steps = select(Step.id).outerjoin(told, told.c.step_id == Step.id)
+    for step_id in session.scalars(steps.where(func.coalesce(told.c.to_state, "") != Step.state)):
         yield f"the events of step {step_id} do not end in its state"
-    last_of_scan = select(func.max(Event.id)).where(Event.scan_id == Scan.id, Event.step_id.is_(None)).scalar_subquery()
-    told_of_scan = select(Event.to_state).where(Event.id == last_of_scan).scalar_subquery()
-    for scan_id in session.scalars(select(Scan.id).where(func.coalesce(told_of_scan, "") != Scan.state)):
+    scans = select(Scan.id).outerjoin(told, and_(told.c.scan_id == Scan.id, told.c.step_id.is_(None)))
+    for scan_id in session.scalars(scans.where(func.coalesce(told.c.to_state, "") != Scan.state)):
         yield f"the events of scan {scan_id} do not end in its state"
 
 

@@ -99,11 +99,12 @@ class Child:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        try:
-            for text in self._process.stdout:
-                self._lines.put(json.loads(text))
-        except ValueError:
-            log.warning("runner %s said what is no JSON", self.pid)
+        with self._process.stdout as answers:
+            try:
+                for text in answers:
+                    self._lines.put(json.loads(text))
+            except ValueError:
+                log.warning("runner %s said what is no JSON", self.pid)
         self._lines.put(None)
 
     def _close_pipes(self) -> None:

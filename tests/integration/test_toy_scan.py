@@ -6,7 +6,7 @@ from nerfmodal.spec import ScanSpec
 from scanjobs import repository
 from scanjobs.states import StepState
 
-from tests.integration.conftest import Service, toy_spec
+from tests.integration.toy_service import Service, toy_spec
 
 
 def test_simulation_ends_with_every_step_done_once(service: Service) -> None:

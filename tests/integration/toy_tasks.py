@@ -2,7 +2,8 @@
 
 The plant's `treatment` says what goes wrong, as `KIND:FRAME:WHAT` separated by spaces, for instance
 `frame.train:1:invalid`. WHAT is `invalid` (a permanent error), `broken` (an error every time), `die` (the process
-kills itself), `die_once` (only while the file `die_once` beside the log does not exist) or `slow` (takes a minute).
+kills itself) or `slow` (takes a minute). `die_once=FILE` and `slow_once=FILE` do so only the first time, which FILE
+remembers; `invalid_until=FILE` does so until FILE is there.
 """
 
 import hashlib
@@ -62,19 +63,23 @@ def _go_wrong(job: Job, report: Report) -> None:
 
 
 def _fail_as(what: str, report: Report) -> None:
-    if what == "invalid":
+    name, _, mark = what.partition("=")
+    if name == "invalid" or (name == "invalid_until" and not Path(mark).exists()):
         raise InvalidInput("the toy is broken.", where="/source", hint="Mend the toy.")
-    if what == "broken":
+    if name == "broken":
         raise RuntimeError("the toy fails every time")
-    if what == "slow":
-        _burn(60.0, report)
-    if what == "die":
+    if name == "die" or (name == "die_once" and _is_first(mark)):
         os.kill(os.getpid(), signal.SIGKILL)
-    if what.startswith("die_once"):
-        mark = Path(what.partition("=")[2])
-        if not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+    if name == "slow" or (name == "slow_once" and _is_first(mark)):
+        _burn(60.0, report)
+
+
+def _is_first(mark: str) -> bool:
+    try:
+        Path(mark).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 TASKS = dict.fromkeys((INSPECT, RENDER, READ, TRAIN, EXTRACT, IDENTIFY), toy)

@@ -1,0 +1,188 @@
+"""What happens to a scan when something is killed, cancelled, repeated or broken while it runs."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from scanjobs import control
+from scanjobs.errors import DataFolderInUse, IllegalTransition
+from scanjobs.messages import EXTRACT, IDENTIFY, RENDER, TRAIN, Message
+from scanjobs.migrate import upgrade
+from scanjobs.plan import WHOLE_SCAN
+from scanjobs.queue import make_app, publish
+from scanjobs.settings import Settings
+from scanjobs.states import StepState
+
+from services.worker.app import embedded_worker
+from tests.integration.toy_service import Service, is_alive, looking_at, toy_spec, worker_process
+
+
+def test_killed_runner_costs_one_attempt(service: Service, tmp_path: Path) -> None:
+    mark = tmp_path / "died"
+    scan = service.end_of(service.submit(toy_spec(trouble=f"{TRAIN}:1:die_once={mark}")))
+    assert scan.state == "succeeded"
+    attempts = {(step.kind, step.frame): step.attempt for step in service.steps(scan.id)}
+    assert attempts.pop((TRAIN, 1)) == 2
+    assert set(attempts.values()) == {1}
+
+
+def test_runner_that_always_dies_fails_the_scan_with_a_hint(service: Service) -> None:
+    scan = service.end_of(service.submit(toy_spec(trouble=f"{TRAIN}:-1:die")))
+    assert scan.state == "failed"
+    assert scan.error is not None
+    assert (scan.error["step"], scan.error["code"]) == (TRAIN, "RUNNER_DIED")
+    assert "memory" in scan.error["hint"]
+    assert service.step(scan.id, TRAIN, WHOLE_SCAN).attempt == 3
+
+
+def test_killed_worker_is_replaced_without_redoing_finished_steps(settings: Settings) -> None:
+    upgrade(settings.database)
+    with looking_at(settings) as service:
+        scan_id = service.submit(toy_spec(trouble=f"{TRAIN}:1:slow_once={settings.data_folder}/was_slow"))
+        with worker_process(settings) as first:
+            runner = service.runner_of(scan_id, TRAIN, 1)
+            finished = {step.id for step in service.steps(scan_id) if step.state == StepState.SUCCEEDED}
+            first.signal(signal.SIGKILL)
+            first.wait(5)
+            service.wait(lambda: not is_alive(runner), 2)
+        assert finished
+        with worker_process(settings):
+            assert service.end_of(scan_id).state == "succeeded"
+        assert {step.token for step in service.steps(scan_id) if step.id in finished} == {1}
+        assert service.step(scan_id, TRAIN, 1).attempt == 2
+        assert service.violations() == ()
+
+
+def test_terminated_worker_gives_its_step_back_uncounted(settings: Settings) -> None:
+    upgrade(settings.database)
+    with looking_at(settings) as service, worker_process(settings) as worker:
+        scan_id = service.submit(toy_spec(trouble=f"{TRAIN}:-1:slow"))
+        runner = service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
+        asked_at = time.monotonic()
+        worker.signal(signal.SIGTERM)
+        assert worker.wait(15) == 0
+        assert time.monotonic() - asked_at < 15
+        step = service.step(scan_id, TRAIN, WHOLE_SCAN)
+        assert (step.state, step.attempt) == (StepState.READY, 0)
+        assert not is_alive(runner)
+        assert service.violations() == ()
+
+
+def test_frozen_worker_is_fenced_off(settings: Settings) -> None:
+    """A worker that sleeps for three leases wakes up to a step that somebody else has finished."""
+    quick = settings.model_copy(update={"lease_s": 1.5})
+    upgrade(quick.database)
+    with looking_at(quick) as service, worker_process(quick) as frozen:
+        scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:slow_once={quick.data_folder}/was_slow"))
+        service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
+        frozen.signal(signal.SIGSTOP)
+        with worker_process(quick):
+            assert service.end_of(scan_id).state == "succeeded"
+            frozen.signal(signal.SIGCONT)
+            time.sleep(1.0)
+        assert service.step(scan_id, TRAIN, WHOLE_SCAN).token == 2
+        assert service.violations() == ()
+
+
+@pytest.mark.parametrize(("kind", "frame"), [(RENDER, 0), (TRAIN, -1), (TRAIN, 1), (EXTRACT, 0), (IDENTIFY, -1)])
+def test_cancel_stops_computing_within_five_seconds(service: Service, kind: str, frame: int) -> None:
+    scan_id = service.submit(toy_spec(frames=2, trouble=f"{kind}:{frame}:slow"))
+    runner = service.runner_of(scan_id, kind, frame)
+    asked_at = time.monotonic()
+    service.store.write(lambda session: control.cancel_scan(session, scan_id))
+    scan = service.end_of(scan_id)
+    assert scan.state == "canceled"
+    assert time.monotonic() - asked_at < 5
+    assert not is_alive(runner)
+    assert {step.state for step in service.steps(scan_id)} <= {StepState.CANCELED, StepState.SUCCEEDED}
+
+
+def test_ended_scan_cannot_be_cancelled(service: Service) -> None:
+    scan = service.end_of(service.submit(toy_spec(frames=1)))
+    with pytest.raises(IllegalTransition):
+        service.store.write(lambda session: control.cancel_scan(session, scan.id))
+
+
+def test_permanent_error_fails_at_once_with_its_remedy(service: Service) -> None:
+    scan = service.end_of(service.submit(toy_spec(trouble=f"{TRAIN}:1:invalid")))
+    assert scan.state == "failed"
+    assert scan.error == {
+        "step": TRAIN,
+        "frame": 1,
+        "code": "INVALID_INPUT",
+        "message": "/source: the toy is broken.",
+        "hint": "Mend the toy.",
+        "retryable": False,
+    }
+    assert service.step(scan.id, TRAIN, 1).attempt == 1
+
+
+def test_lost_frames_within_the_limit_are_a_gap(service: Service) -> None:
+    spec = toy_spec(frames=4, trouble=f"{TRAIN}:1:invalid {EXTRACT}:3:invalid", max_failed_frames=2)
+    scan = service.end_of(service.submit(spec))
+    assert scan.state == "succeeded"
+    states = {(step.kind, step.frame): step.state for step in service.steps(scan.id)}
+    assert states[(EXTRACT, 1)] == StepState.FAILED
+    assert states[(EXTRACT, 2)] == StepState.SUCCEEDED
+    assert states[(IDENTIFY, -1)] == StepState.SUCCEEDED
+
+
+def test_one_lost_frame_more_than_the_limit_fails_the_scan(service: Service) -> None:
+    spec = toy_spec(frames=4, trouble=f"{TRAIN}:1:invalid {EXTRACT}:3:invalid", max_failed_frames=1)
+    assert service.end_of(service.submit(spec)).state == "failed"
+
+
+def test_message_delivered_three_times_is_computed_once(service: Service) -> None:
+    app = make_app(service.settings.broker_url)
+    scan_id = service.submit(toy_spec(frames=2))
+    ended = False
+    while not ended:
+        for step in service.steps(scan_id):
+            for _ in range(3):
+                publish(app, Message(step.kind, step.queue, step.id))
+        ended = service.scan(scan_id).state == "succeeded"
+        time.sleep(0.1)
+    assert {step.token for step in service.steps(scan_id)} == {1}
+
+
+def test_second_server_on_one_data_folder_is_refused(service: Service) -> None:
+    with pytest.raises(DataFolderInUse), embedded_worker(service.settings):
+        pass
+
+
+def test_retry_from_identify_trains_nothing_again(service: Service) -> None:
+    scan = service.end_of(service.submit(toy_spec(frames=2)))
+    service.store.write(lambda session: control.retry_scan(session, scan.id, from_kind=IDENTIFY))
+    again = service.end_of(scan.id)
+    assert (again.state, again.generation) == ("succeeded", 1)
+    computed = [step.kind for step in service.steps(scan.id) if step.token]
+    assert computed == [IDENTIFY]
+
+
+def test_retry_of_one_frame_computes_that_frame_and_the_identification(service: Service) -> None:
+    scan = service.end_of(service.submit(toy_spec(frames=3)))
+    service.store.write(lambda session: control.retry_scan(session, scan.id, from_kind=TRAIN, frames=[2]))
+    assert service.end_of(scan.id).state == "succeeded"
+    computed = {(step.kind, step.frame) for step in service.steps(scan.id) if step.token}
+    assert computed == {(TRAIN, 2), (EXTRACT, 2), (IDENTIFY, -1)}
+
+
+def test_retry_after_a_failure_keeps_what_succeeded(service: Service, tmp_path: Path) -> None:
+    scan = service.end_of(service.submit(toy_spec(frames=2, trouble=f"{IDENTIFY}:-1:invalid_until={tmp_path}/mended")))
+    assert scan.state == "failed"
+    (tmp_path / "mended").touch()
+    service.store.write(lambda session: control.retry_scan(session, scan.id))
+    again = service.end_of(scan.id)
+    assert (again.state, again.error) == ("succeeded", None)
+    assert [step.kind for step in service.steps(scan.id) if step.token] == [IDENTIFY]
+
+
+def test_runner_ends_when_its_supervisor_is_gone(settings: Settings) -> None:
+    upgrade(settings.database)
+    with looking_at(settings) as service, worker_process(settings) as worker:
+        scan_id = service.submit(toy_spec(frames=1, trouble=f"{RENDER}:0:slow"))
+        runner = service.runner_of(scan_id, RENDER, 0)
+        os.kill(worker.pid, signal.SIGKILL)
+        service.wait(lambda: not is_alive(runner), 1.0)
