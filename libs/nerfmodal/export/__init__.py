@@ -1,16 +1,22 @@
-"""What a user downloads: modes as JSON, table and arrays, the report, the manifest."""
+"""What a user downloads: modes as JSON, table, arrays and for other programs; the report; the manifest."""
 
+from nerfmodal.export.gltf import write_gltf
 from nerfmodal.export.manifest import manifest, write_manifest
 from nerfmodal.export.modes import modes_document, write_modes
+from nerfmodal.export.ply import write_vectors
 from nerfmodal.export.publish import publish
 from nerfmodal.export.report import render_report, write_report
+from nerfmodal.export.uff import write_uff
 
 __all__ = [
     "manifest",
     "modes_document",
     "publish",
     "render_report",
+    "write_gltf",
     "write_manifest",
     "write_modes",
     "write_report",
+    "write_uff",
+    "write_vectors",
 ]

@@ -1,11 +1,14 @@
 """Everything a user downloads of a scan, written under one folder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from nerfmodal.export.gltf import write_gltf
 from nerfmodal.export.manifest import write_manifest
-from nerfmodal.export.modes import write_json, write_modes
+from nerfmodal.export.modes import shape_key, write_json, write_modes
+from nerfmodal.export.ply import write_vectors
 from nerfmodal.export.report import write_report
+from nerfmodal.export.uff import write_uff
 from nerfmodal.io import write_result
 from nerfmodal.spec import ScanSpec
 from nerfmodal.types import Frame, PointCloud, ScanResult
@@ -20,7 +23,7 @@ def publish(
     *,
     pictures: Sequence[Path] = (),
 ) -> tuple[Path, ...]:
-    """Write result.npz, spec.json, modes.json, modes.csv, shapes/, report.html and manifest.json under `out`.
+    """Write result.npz, spec.json, modes (.json .csv .uff), shapes/, report.html and manifest.json under `out`.
 
     `pictures` are files under `out` that were drawn before (`figures.draw`); they go into the report and the manifest.
     Returns every file, pictures included.
@@ -29,5 +32,14 @@ def publish(
     specification = write_json(spec.model_dump(mode="json"), out / "spec.json")
     modes = write_modes(result, spec, out)
     report = write_report(spec, result, frame, cloud, pictures, out / "report.html")
-    files = (out / "result.npz", specification, *modes, report, *pictures)
+    files = (out / "result.npz", specification, *modes, *_for_other_programs(result, spec, out), report, *pictures)
     return (*files, write_manifest(files, out))
+
+
+def _for_other_programs(result: ScanResult, spec: ScanSpec, out: Path) -> Iterator[Path]:
+    yield write_uff(result, spec.name, out / "modes.uff")
+    for organ in result.organs:
+        for k in range(len(organ.model.frequencies)):
+            shape = out / shape_key(organ.organ, k)
+            yield write_gltf(organ, k, shape.with_suffix(".glb"))
+            yield write_vectors(organ, k, shape.with_suffix(".ply"))
