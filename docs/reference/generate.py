@@ -1,7 +1,8 @@
 """Write the generated pages of this folder from the code: `python docs/reference/generate.py` (or `make docs`).
 
 Generated: spec.md (from `ScanSpec`), outcomes.md (from the enums and exceptions), settings.md (from `Settings`),
-endpoints.md (from the OpenAPI document). A test in tests/architecture holds them to the code.
+endpoints.md (from the OpenAPI document), commands.md (from the command line). A test in tests/architecture holds them
+to the code.
 """
 
 import ast
@@ -65,12 +66,53 @@ def endpoints_page() -> str:
     return "\n".join([WRITTEN_BY, head, "| method | path | what |", "|---|---|---|", *rows, ""])
 
 
+def commands_page() -> str:
+    """Every command with its arguments and options."""
+    head = (
+        "# Commands\n\n`nerfmodal COMMAND --help` says the same. Exit codes: [exit-codes.md](exit-codes.md). Long work "
+        "shows a progress bar on a terminal.\n"
+    )
+    return "\n".join([WRITTEN_BY, head, *(_command(name, command) for name, command in commands())])
+
+
+def commands() -> Iterator[tuple[str, Any]]:
+    """The name of each command (`scans list`) and the command."""
+    import typer.main
+
+    from services.cli.main import app
+
+    yield from _leaves(typer.main.get_command(app), "")
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "spec.md": spec_page,
     "outcomes.md": outcomes_page,
     "settings.md": settings_page,
     "endpoints.md": endpoints_page,
+    "commands.md": commands_page,
 }
+
+
+def _leaves(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from _leaves(command, f"{prefix}{name} ")
+        else:
+            yield f"{prefix}{name}", command
+
+
+def _command(name: str, command: Any) -> str:
+    example = f"\n```sh\n{command.epilog.removeprefix('Example: ')}\n```\n" if command.epilog else ""
+    shown = [parameter for parameter in command.params if not getattr(parameter, "hidden", False)]
+    rows = [f"| `{_spelling(parameter)}` | {_cell(getattr(parameter, 'help', None) or '')} |" for parameter in shown]
+    table = ["| argument or option | meaning |", "|---|---|", *rows, ""] if rows else []
+    return "\n".join([f"## `nerfmodal {name}`\n\n{inspect.cleandoc(command.help or '')}\n{example}", *table])
+
+
+def _spelling(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return parameter.name.upper()
+    return ", ".join([*parameter.opts, *parameter.secondary_opts])
 
 
 def _part(part: type[BaseModel]) -> str:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from nerfmodal.surface.sensors import displace
 
 FRAMES, SENSORS, RANK = 40, 17, 3
 RNG = np.random.default_rng(11)
@@ -85,3 +86,16 @@ def mac(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Modal assurance criterion of shapes in rows, pairwise in order."""
     product = (first * second).sum(axis=1) ** 2
     return product / ((first**2).sum(axis=1) * (second**2).sum(axis=1))
+
+
+@pytest.mark.parametrize("reference", ["mean", "first", "previous"])
+def test_eq_11_displacement_is_the_difference_from_what_was_asked(reference: str):
+    positions = np.random.default_rng(2).normal(size=(8, 3))
+    moved, valid = displace(positions, np.ones(8, dtype=bool), reference)
+    expected = {
+        "mean": positions - positions.mean(axis=0),
+        "first": positions - positions[0],
+        "previous": np.vstack([np.full(3, np.nan), positions[1:] - positions[:-1]]),
+    }[reference]
+    np.testing.assert_allclose(moved, expected)
+    assert valid.tolist() == [reference != "previous", *[True] * 7]
