@@ -39,9 +39,9 @@ check: install
 	$(BIN)/lint-imports
 
 bench: install
-	@$(BIN)/python -c "import importlib.util, sys; sys.exit(importlib.util.find_spec('benchmarks') is None)" \
-	    || { echo "there is no benchmarks/ yet"; exit 1; }
-	$(BIN)/python -m benchmarks
+	@for name in $$(grep -l '__main__' benchmarks/*.py | xargs -n 1 basename -s .py); do \
+	    $(BIN)/python -m benchmarks.$$name || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -91,3 +91,15 @@ def test_a_machine_without_python_3_11_is_told_what_to_install(tmp_path: Path):
     assert done.returncode == 1
     assert "python3.11-venv" in done.stderr
     assert not (tmp_path / "venv").exists()
+
+
+@pytest.mark.parametrize(("check", "test", "code"), [(0, 0, 0), (2, 0, 2), (0, 1, 1), (2, 1, 1)])
+def test_continuous_integration_fails_with_what_failed_and_tests_speak_last(
+    tmp_path: Path, check: int, test: int, code: int
+):
+    body = f'case $1 in check) echo checked; exit {check};; test) echo "== 3 passed in 1s =="; exit {test};; esac'
+    fake(tmp_path, "make", body)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run([str(ROOT / ".ci/run")], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stdout.splitlines() == ["checked", "== 3 passed in 1s =="]
