@@ -90,6 +90,11 @@ def take_back(session: Session, step_id: str) -> bool:
     return move_step(session, step, StepState.READY, reason="declined")
 
 
+def is_sent(session: Session, step_id: str) -> bool:
+    """Whether a message about this step is worth a claim."""
+    return session.scalars(select(Step.state).where(Step.id == step_id)).one_or_none() == StepState.SENT
+
+
 def choose(candidates: Iterable[Candidate], room: Room, load: Load) -> tuple[str, ...]:
     """The steps to send, in order; `room` and `load` are used up as they are chosen. Pure."""
     waiting = list(candidates)

@@ -4,17 +4,18 @@ Every transaction that ends or revives a step holds the row of its scan first (`
 steps of one scan happens in one order: no two parents finish at once, no cancel passes a finish.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
 from scanjobs.messages import IDENTIFY
 from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, ScanState, StepState
-from scanjobs.tables import Scan, Step
-from scanjobs.transitions import move_scan, move_steps
+from scanjobs.tables import Attempt, Scan, Step
+from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_steps
 
 
 def hold_scan(session: Session, scan_id: str, *, owner: str | None = None) -> Scan:
@@ -44,10 +45,19 @@ def settle(session: Session, scan: Scan) -> None:
 
 def fail_scan(session: Session, scan: Scan, error: dict[str, Any]) -> None:
     """End a held scan for good; what still lived is cancelled and what still computes is fenced off."""
-    move_steps(session, live_steps(session, scan), StepState.CANCELED, reason="scan failed", values=_ended())
+    steps = live_steps(session, scan)
+    close_attempts(session, [step for step in steps if step.state == StepState.RUNNING], "scan failed")
+    move_steps(session, steps, StepState.CANCELED, reason="scan failed", values=_ended())
     move_scan(
         session, scan, ScanState.FAILED, reason=str(error["code"]), values={"finished_at": now_s(), "error": error}
     )
+
+
+def close_attempts(session: Session, steps: Sequence[Step], outcome: str) -> None:
+    """End the attempts that are under way at these steps; what they still compute is not accepted."""
+    statement = update(Attempt).where(Attempt.step_id.in_([step.id for step in steps]), Attempt.ended_at.is_(None))
+    values = {"ended_at": now_s(), "outcome": outcome[:32]}
+    session.execute(statement.values(values), execution_options=UNSYNCHRONISED)
 
 
 def _is_identified(session: Session, scan: Scan) -> bool:

@@ -15,8 +15,7 @@ from typing import Final
 
 from scanjobs.settings import Settings
 
-from services.worker.protocol import Line, Order, encode, run_line
-from services.worker.runner import TASKS_VARIABLE
+from services.worker.protocol import TASKS_VARIABLE, Line, Order, encode, run_line
 
 log = logging.getLogger(__name__)
 

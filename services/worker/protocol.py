@@ -7,9 +7,14 @@ From the runner: `{"progress": {...}}`, then `{"produced": {...}}` or `{"failed"
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 Line = dict[str, Any]
+
+TASKS_VARIABLE: Final = "NERFMODAL_TASKS"
+"""Environment variable of the module whose TASKS the runner offers."""
+DISK_FULL: Final = "DISK_FULL"
+"""The code of a failure that is nobody's attempt."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,11 +21,18 @@ from nerfmodal.pipeline import Progress
 from nerfmodal.spec import ScanSpec
 
 from services.worker.job import GivenFile, Job, Task
-from services.worker.protocol import Failed, Line, Order, encode, failed_line, produced_line
+from services.worker.protocol import (
+    DISK_FULL,
+    TASKS_VARIABLE,
+    Failed,
+    Line,
+    Order,
+    encode,
+    failed_line,
+    produced_line,
+)
 
-TASKS_VARIABLE: Final = "NERFMODAL_TASKS"
 DEFAULT_TASKS: Final = "services.worker.tasks"
-DISK_FULL: Final = "DISK_FULL"
 
 
 class StepStopped(Exception):

@@ -25,8 +25,7 @@ from scanjobs.store import Store
 from sqlalchemy.exc import SQLAlchemyError
 
 from services.worker.child import Child, Children
-from services.worker.protocol import Line, Order, read_failed, read_produced
-from services.worker.runner import DISK_FULL
+from services.worker.protocol import DISK_FULL, Line, Order, read_failed, read_produced
 
 log = logging.getLogger(__name__)
 
@@ -93,6 +92,8 @@ class Supervisor:
             return
         began = time.monotonic()
         lease_s = self._settings.lease_s
+        if not self._is_wanted(step_id):
+            return
         claim = self._store.write(lambda session: leases.claim(session, step_id, self._worker_id, lease_s))
         if claim is None:
             return
@@ -102,6 +103,11 @@ class Supervisor:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
             self._on_change()
+
+    def _is_wanted(self, step_id: str) -> bool:
+        """A look before the transaction: repeated and late messages cost one read."""
+        with self._store.read() as session:
+            return dispatch.is_sent(session, step_id)
 
     def _compute(self, claim: Claim, folder: Path, watch: Watch) -> None:
         try:

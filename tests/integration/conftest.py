@@ -6,20 +6,24 @@ from pathlib import Path
 import pytest
 from scanjobs.settings import Settings
 
-from tests.integration.toy_service import TOYS, Service, serving
+from tests.integration.toy_service import Service, serving, toy_settings
 
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Settings:
-    """A short lease, quick ticks, two slots, toys."""
-    return Settings(
-        data_folder=tmp_path / "data", tasks=TOYS, slots=2, lease_s=4.0, tick_s=0.2, watch_s=0.1, resend_s=3.0
-    )
+    """Of a test that starts its own workers."""
+    return toy_settings(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """One service for the tests of a module."""
+    with serving(toy_settings(tmp_path_factory.mktemp("service"))) as service:
+        yield service
 
 
 @pytest.fixture
-def service(settings: Settings) -> Iterator[Service]:
-    """A running toy service; the database is sound when the test ends."""
-    with serving(settings) as running:
-        yield running
-        assert running.violations() == ()
+def service(running: Service) -> Iterator[Service]:
+    """The running service; its database is sound when the test ends."""
+    yield running
+    assert running.violations() == ()

@@ -1,7 +1,5 @@
 """A scan of toy steps goes through SQLite, the in-memory broker and runner processes, end to end."""
 
-import sys
-
 from nerfmodal.spec import ScanSpec
 from scanjobs import repository
 from scanjobs.states import StepState
@@ -43,10 +41,3 @@ def test_clouds_are_only_inspected_and_identified(service: Service) -> None:
     assert scan.state == "succeeded"
     with service.store.read() as session:
         assert [step.kind for step in repository.list_steps(session, scan)] == ["scan.inspect", "scan.identify"]
-
-
-def test_supervisor_imports_nothing_heavy(service: Service) -> None:
-    """The worker of this process has run a scan; the test process itself must not have loaded the science's wheels."""
-    service.end_of(service.submit(toy_spec(frames=1)))
-    supervised = sys.modules["services.worker.supervisor"]
-    assert not {"torch", "bpy", "open3d"} & set(vars(supervised))

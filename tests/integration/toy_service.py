@@ -36,6 +36,13 @@ def toy_spec(*, frames: int = 3, trouble: str = "", seed: int = 0, max_failed_fr
     )
 
 
+def toy_settings(folder: Path) -> Settings:
+    """A short lease, quick ticks, two slots, toys."""
+    return Settings(
+        data_folder=folder / "data", tasks=TOYS, slots=2, lease_s=4.0, tick_s=0.2, watch_s=0.1, resend_s=3.0
+    )
+
+
 class Service:
     """The database of a running toy service, and how to wait for it."""
 
