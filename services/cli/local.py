@@ -92,7 +92,7 @@ def spec_around(source: CaptureSource | CloudsSource, path: Path, spec_file: Pat
 
 def scan_name(path: Path) -> str:
     """A name that a specification takes, made from a path's last part."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", path.resolve().stem).lstrip("_.-")[:64]
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", Path(path.resolve().name.lstrip(".")).stem).lstrip("_.-")[:64]
     return name or "scan"
 
 

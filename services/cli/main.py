@@ -2,7 +2,7 @@
 
 import typer
 
-from services.cli import compare, demo, doctor, local, presets, scans, up
+from services.cli import compare, demo, doctor, local, presets, scans, up, worker
 from services.cli.outcomes import Commands
 
 app = typer.Typer(
@@ -20,6 +20,8 @@ app.command(epilog="Example: nerfmodal identify out/clouds --out out/modes")(loc
 app.command(epilog="Example: nerfmodal compare out/demo out/demo/truth.npz")(compare.compare)
 app.command(epilog="Example: nerfmodal demo --spec examples/acai.yaml --out out/demo")(demo.demo)
 app.command(epilog="Example: nerfmodal up --port 8000 --data .nerfmodal --captures /data/captures")(up.up)
+app.command(epilog="Example: nerfmodal worker --queues train,extract --slots 2")(worker.worker)
+app.command(epilog="Example: nerfmodal migrate")(worker.migrate)
 app.command(epilog="Example: nerfmodal doctor")(doctor.doctor)
 app.command(epilog="Example: nerfmodal presets quick > quick.yaml")(presets.presets)
 app.add_typer(scans.app, name="scans")

@@ -64,10 +64,10 @@ def running_service(data_folder: Path, log: Path, captures: Sequence[Path] = ())
         raise ServiceLeftProcesses(f"{len(left)} processes had to be killed: {left}.", hint=f"See {log}.")
 
 
-def marked_processes(mark: str) -> list[int]:
-    """Every process whose environment carries the mark, this one excepted. Looks into /proc; elsewhere finds none."""
-    wanted = f"{MARK}={mark}".encode()
-    return [pid for pid in _pids() if pid != os.getpid() and wanted in _environment(pid)]
+def processes_with(variable: str, value: str) -> list[int]:
+    """Every process started with this in its environment, but this one. Looks into /proc; elsewhere finds none."""
+    wanted = f"{variable}={value}".encode()
+    return [pid for pid in _pids() if pid != os.getpid() and wanted in _environment(pid).split(b"\0")]
 
 
 def _start(data_folder: Path, log: Path, captures: Sequence[Path], mark: str) -> subprocess.Popen[bytes]:
@@ -112,10 +112,10 @@ def _stop(process: subprocess.Popen[bytes]) -> None:
 def _kill_rest(mark: str) -> list[int]:
     """Kill what still carries the mark after a moment; returns what had to be killed."""
     for _ in range(20):
-        if not marked_processes(mark):
+        if not processes_with(MARK, mark):
             return []
         time.sleep(0.1)
-    left = marked_processes(mark)
+    left = processes_with(MARK, mark)
     for pid in left:
         _kill(pid)
     return left
