@@ -7,6 +7,7 @@
 # is there (libcuda, libamdhip64, libze_loader) are not in the table, and so never asked for.
 set -euo pipefail
 
+source "$(dirname "${BASH_SOURCE[0]}")/apt.sh"
 venv=${1:?usage: system-libraries.sh VENV}
 [ "$(uname -s)" = Linux ] || exit 0
 
@@ -39,24 +40,4 @@ missing_packages() {
 mapfile -t packages < <(missing_packages)
 [ "${#packages[@]}" -gt 0 ] || exit 0
 
-by_hand="apt-get update && apt-get install -y --no-install-recommends ${packages[*]}"
-if ! command -v apt-get >/dev/null 2>&1; then
-    echo "Shared libraries are missing; with your package manager install what Debian calls: ${packages[*]}" >&2
-    exit 1
-fi
-if [ "$(id -u)" -eq 0 ]; then
-    as_root=()
-elif sudo -n true 2>/dev/null; then
-    as_root=(sudo -n)
-else
-    echo "Shared libraries are missing. Type: sudo sh -c '$by_hand'" >&2
-    exit 1
-fi
-
-echo "installing shared libraries: ${packages[*]}"
-export DEBIAN_FRONTEND=noninteractive
-if ! { "${as_root[@]}" apt-get update -qq &&
-    "${as_root[@]}" apt-get install -y -qq --no-install-recommends "${packages[@]}"; } >/dev/null; then
-    echo "The installation failed. Type: sudo sh -c '$by_hand'" >&2
-    exit 1
-fi
+install_packages "${packages[@]}"

@@ -93,6 +93,16 @@ def test_a_machine_without_python_3_11_is_told_what_to_install(tmp_path: Path):
     assert not (tmp_path / "venv").exists()
 
 
+def test_venv_that_debian_packs_apart_is_installed_and_tried_again(machine: Path):
+    python = f'case "$*" in *venv*) [ -e {machine}/calls ] && mkdir -p "${{@: -1}}";; *) exit 0;; esac'
+    fake(machine / "bin", "python3.11", python)
+    environment = os.environ | {"PATH": f"{machine / 'bin'}:{os.environ['PATH']}"}
+    command = [str(ROOT / "deploy/make-venv.sh"), str(machine / "new")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, (machine / "new").is_dir()) == (0, True)
+    assert calls(machine)[-1].endswith("python3.11-venv")
+
+
 @pytest.mark.parametrize(("check", "test", "code"), [(0, 0, 0), (2, 0, 2), (0, 1, 1), (2, 1, 1)])
 def test_continuous_integration_fails_with_what_failed_and_tests_speak_last(
     tmp_path: Path, check: int, test: int, code: int
