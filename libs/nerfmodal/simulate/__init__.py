@@ -1,0 +1,49 @@
+"""Simulated plants: their shape, their motion (the truth) and their pictures. Imports nothing heavy."""
+
+from collections.abc import Callable
+
+from nerfmodal.simulate.motion import frame_times, plant_of, true_modes, vertices_at
+from nerfmodal.simulate.plants import Plant, acai
+from nerfmodal.spec import Box, OrganSpec, SimulationSource
+from nerfmodal.types import Frame
+
+__all__ = [
+    "Plant",
+    "acai",
+    "default_organs",
+    "default_region",
+    "frame_times",
+    "plant_of",
+    "render_frame",
+    "true_modes",
+    "vertices_at",
+]
+
+
+def render_frame(source: SimulationSource, index: int, seed: int, *, report: Callable[[int, int], None]) -> Frame:
+    """All views of frame `index` by the source's renderer; `report(done, total)` after each view may raise.
+
+    Raises `MissingExtra` without the renderer's wheel and `InvalidSpec` for modes or cameras that cannot be.
+    """
+    if source.renderer == "blender":
+        from nerfmodal.simulate import blender
+
+        return blender.render_frame(source, index, seed, report=report)
+    from nerfmodal.simulate import preview
+
+    return preview.render_frame(source, index, seed, report=report)
+
+
+def default_region(source: SimulationSource) -> Box:
+    """The box that holds the plant and its motion, from just above the ground."""
+    return plant_of(source).region
+
+
+def default_organs(source: SimulationSource) -> tuple[OrganSpec, ...]:
+    """The plant's organs: leaves as polynomials of degree 5, stems as cylinders of degree 4."""
+    return tuple(
+        OrganSpec(name=organ.name, region=organ.region, surface="polynomial", degree=5)
+        if organ.kind == "leaf"
+        else OrganSpec(name=organ.name, region=organ.region, surface="cylinder", degree=4)
+        for organ in plant_of(source).organs
+    )

@@ -1,0 +1,168 @@
+"""Pictures of a simulated plant by casting rays (Open3D's Embree scene): fast, and the same on every machine.
+
+Shading is Lambert's under one sun, with a shadow ray, plus a sky that is brighter above; the sky is a gradient.
+Each pixel is the mean of `samples` rays on a fixed pattern, so pictures have no noise.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from nerfmodal.errors import MissingExtra
+from nerfmodal.geometry.cameras import semi_spherical_rig, unproject
+from nerfmodal.geometry.rays import pixel_centers
+from nerfmodal.simulate.motion import frame_times, plant_of, vertices_at
+from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, check_rig
+from nerfmodal.spec import SimulationSource
+from nerfmodal.types import Camera, Frame, Mesh
+
+SUN = np.array([0.45, -0.30, 0.84]) / np.linalg.norm([0.45, -0.30, 0.84])
+SUNLIGHT = np.array([1.05, 1.00, 0.90])
+ZENITH, HORIZON = np.array([0.18, 0.36, 0.75]), np.array([0.75, 0.82, 0.90])
+AMBIENT = 0.45
+SHADOW_BIAS = 1e-3
+"""Shadow rays start this far (m) off the surface, beyond its own rounding."""
+
+
+def render_frame(source: SimulationSource, index: int, seed: int, *, report: Callable[[int, int], None]) -> Frame:  # noqa: ARG001
+    """All views of frame `index`, ray-cast. There is no chance in them: `seed` changes nothing.
+
+    `report(done, total)` is called after each view; what it raises stops the rendering.
+    Raises `MissingExtra` without open3d and `InvalidSpec` for modes or cameras that cannot be.
+    """
+    plant, rig = plant_of(source), semi_spherical_rig(source.rig)
+    check_rig(rig, plant)
+    time = float(frame_times(source)[index])
+    vertices = vertices_at(plant, source, time)
+    images = render_views(plant.mesh, vertices, rig.cameras, samples=source.samples, report=report)
+    return Frame(index=index, time=time, images=images, rig=rig)
+
+
+def render_views(
+    mesh: Mesh,
+    vertices: Float[np.ndarray, "vertices 3"],
+    cameras: tuple[Camera, ...],
+    *,
+    samples: int,
+    report: Callable[[int, int], None],
+) -> UInt8[np.ndarray, "cameras height width 3"]:
+    """Pictures of `mesh` with its vertices moved to `vertices` (metres). Raises `MissingExtra`."""
+    scene = _Scene(mesh, vertices)
+    pictures = []
+    for done, camera in enumerate(cameras, start=1):
+        pictures.append(_shoot(scene, camera, samples))
+        report(done, len(cameras))
+    return np.stack(pictures)
+
+
+def subpixels(samples: int) -> Float[np.ndarray, "samples 2"]:
+    """Offsets of a pixel's rays from its centre: the R2 sequence, even for any number, with mean near zero."""
+    golden = 1.32471795724474602596
+    steps = np.arange(1, samples + 1)[:, None] * np.array([1 / golden, 1 / golden**2])
+    offsets = steps % 1.0
+    return offsets - offsets.mean(axis=0)
+
+
+class _Scene:
+    """The plant in Embree's tree; the ground and the sky are formulas."""
+
+    def __init__(self, mesh: Mesh, vertices: Float[np.ndarray, "vertices 3"]) -> None:
+        self._o3d = _import_open3d()
+        self._triangles, self._colors = mesh.triangles, mesh.colors
+        self._normals = vertex_normals(vertices, mesh.triangles)
+        self._tree = self._o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._tree.add_triangles(
+            self._o3d.core.Tensor(vertices.astype(np.float32)), self._o3d.core.Tensor(mesh.triangles.astype(np.uint32))
+        )
+
+    def shade(
+        self, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+    ) -> Float[np.ndarray, "rays 3"]:
+        """Linear colours that the rays see."""
+        hit = self._cast(origins, directions)
+        plant_depth = hit["t_hit"].numpy().astype(float)
+        on_ground, ground_depth = _meet_ground(origins, directions)
+        ground_first = on_ground & (ground_depth < plant_depth)
+        plant_first = np.isfinite(plant_depth) & ~ground_first
+        colors = _sky(directions)
+        spots = origins[ground_first] + directions[ground_first] * ground_depth[ground_first, None]
+        up = np.tile([0.0, 0.0, 1.0], (len(spots), 1))
+        colors[ground_first] = _checker(spots)[:, None] * self._light(spots, up)
+        faces, uv = hit["primitive_ids"].numpy()[plant_first], hit["primitive_uvs"].numpy()[plant_first]
+        weights = np.column_stack([1 - uv.sum(axis=1), uv]).astype(float)[:, :, None]
+        corners = self._triangles[faces]
+        normals = (self._normals[corners] * weights).sum(axis=1)
+        seen = directions[plant_first]
+        normals *= -np.sign((normals * seen).sum(axis=1, keepdims=True))
+        spots = origins[plant_first] + seen * plant_depth[plant_first, None]
+        colors[plant_first] = (self._colors[corners] * weights).sum(axis=1) * self._light(spots, normals)
+        return colors
+
+    def _light(
+        self, spots: Float[np.ndarray, "rays 3"], normals: Float[np.ndarray, "rays 3"]
+    ) -> Float[np.ndarray, "rays 3"]:
+        """Light that surface spots receive: the sky's half above them and the sun where nothing stands before it."""
+        facing = np.maximum(normals @ SUN, 0.0)
+        towards = np.tile(SUN, (len(spots), 1))
+        blocked = np.isfinite(self._cast(spots + SHADOW_BIAS * normals, towards)["t_hit"].numpy())
+        sky = AMBIENT * (0.75 + 0.25 * normals[:, 2])
+        return np.asarray(sky[:, None] + (facing * ~blocked)[:, None] * SUNLIGHT)
+
+    def _cast(self, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]) -> Any:
+        rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
+        return self._tree.cast_rays(self._o3d.core.Tensor(rays), nthreads=1)
+
+
+def _shoot(scene: _Scene, camera: Camera, samples: int) -> UInt8[np.ndarray, "height width 3"]:
+    total = np.zeros((camera.width * camera.height, 3))
+    origins = np.tile(camera.camera_to_world[:3, 3], (len(total), 1))
+    for offset in subpixels(samples):
+        total += scene.shade(origins, unproject(camera, pixel_centers(camera) + offset))
+    return to_srgb(total / samples).reshape(camera.height, camera.width, 3)
+
+
+def vertex_normals(vertices: Float[np.ndarray, "vertices 3"], triangles: Any) -> Float[np.ndarray, "vertices 3"]:
+    """Unit normals of vertices, the mean of their triangles' weighted by area."""
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    faces = np.cross(b - a, c - a)
+    sums = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(sums, triangles[:, corner], faces)
+    return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
+
+
+def to_srgb(linear: Float[np.ndarray, "pixels 3"]) -> UInt8[np.ndarray, "pixels 3"]:
+    """Display values of linear light (IEC 61966-2-1)."""
+    light = np.clip(linear, 0.0, 1.0)
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.round(255 * curve).astype(np.uint8)
+
+
+def _meet_ground(
+    origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+) -> tuple[Bool[np.ndarray, " rays"], Float[np.ndarray, " rays"]]:
+    """Which rays meet the ground's square, and how far away."""
+    down = directions[:, 2] < -1e-9
+    depth = np.where(down, -origins[:, 2] / np.where(down, directions[:, 2], -1.0), np.inf)
+    reach = np.where(down, depth, 0.0)[:, None]
+    return down & np.all(np.abs(origins + directions * reach)[:, :2] < GROUND_HALF, axis=1), depth
+
+
+def _checker(spots: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, " rays"]:
+    squares = np.floor(spots[:, :2] / CHECKER_SIDE).astype(int).sum(axis=1)
+    return np.asarray(CHECKER_TONES)[squares % 2]
+
+
+def _sky(directions: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, "rays 3"]:
+    height = np.clip(directions[:, 2:], 0.0, 1.0) ** 0.6
+    return (1 - height) * HORIZON + height * ZENITH
+
+
+def _import_open3d() -> Any:
+    try:
+        import open3d
+    except ImportError as missing:
+        raise MissingExtra("open3d-cpu", "vision") from missing
+    return open3d
