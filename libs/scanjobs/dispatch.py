@@ -8,6 +8,7 @@ is begun), the oldest. The caller publishes the messages after the commit; a mes
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Final
 
 from sqlalchemy import and_, func, or_, select
@@ -22,6 +23,8 @@ from scanjobs.workers import active_workers
 
 WINDOW: Final = 2
 """Messages waiting for each free slot."""
+
+UNHELD: Final = MappingProxyType({"worker_id": None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,19 +70,25 @@ class Load:
     scans: Counter[str] = field(default_factory=Counter)
 
 
-def dispatch(session: Session) -> tuple[Message, ...]:
-    """Move to `sent` what there is room for; the messages are to be published after the commit."""
+def dispatch(session: Session, holder: str | None = None) -> tuple[Message, ...]:
+    """Move to `sent` what there is room for; the messages are to be published after the commit.
+
+    `holder` is the worker in whose memory the messages will lie, where the broker has no other place for them.
+    """
     room = _room(session)
     if not room.is_left():
         return ()
     chosen = choose(_candidates(session, room), room, _load(session))
-    return tuple(message for step_id in chosen if (message := _send(session, step_id)) is not None)
+    return tuple(message for step_id in chosen if (message := _send(session, step_id, holder)) is not None)
 
 
 def take_back_unclaimed(session: Session, resend_s: float) -> int:
     """Sent steps that nobody claimed in `resend_s` become ready again: their message is lost, or its worker."""
     query = select(Step).where(Step.state == StepState.SENT, Step.sent_at < now_s() - resend_s).order_by(Step.id)
-    return sum(move_step(session, step, StepState.READY, reason="unclaimed") for step in session.scalars(query).all())
+    return sum(
+        move_step(session, step, StepState.READY, reason="unclaimed", values=UNHELD)
+        for step in session.scalars(query).all()
+    )
 
 
 def take_back(session: Session, step_id: str) -> bool:
@@ -87,7 +96,7 @@ def take_back(session: Session, step_id: str) -> bool:
     step = session.get(Step, step_id, populate_existing=True)
     if step is None or step.state != StepState.SENT:
         return False
-    return move_step(session, step, StepState.READY, reason="declined")
+    return move_step(session, step, StepState.READY, reason="declined", values=UNHELD)
 
 
 def is_sent(session: Session, step_id: str) -> bool:
@@ -121,11 +130,13 @@ def _turn(step: Candidate, load: Load) -> tuple[int, int, int, int, str, int, st
     )
 
 
-def _send(session: Session, step_id: str) -> Message | None:
+def _send(session: Session, step_id: str, holder: str | None) -> Message | None:
     step = session.get(Step, step_id, populate_existing=True)
     if step is None or step.state != StepState.READY:
         return None
-    sent = move_step(session, step, StepState.SENT, values={"sent_at": now_s(), "not_before": None})
+    sent = move_step(
+        session, step, StepState.SENT, values={"sent_at": now_s(), "not_before": None, "worker_id": holder}
+    )
     return Message(step.kind, step.queue, step.id) if sent else None
 
 

@@ -128,6 +128,7 @@ class Step(Base):
     """Attempts spent; a drain gives its attempt back."""
     token: Mapped[int] = mapped_column(default=0)
     worker_id: Mapped[str | None] = mapped_column(Id)
+    """Who computes it; of a sent step, the worker in whose memory its message lies, if it lies there."""
     lease_until: Mapped[float | None]
     sent_at: Mapped[float | None]
     not_before: Mapped[float | None]

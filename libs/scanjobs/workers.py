@@ -8,7 +8,8 @@ from sqlalchemy import insert, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
-from scanjobs.tables import Worker
+from scanjobs.states import StepState
+from scanjobs.tables import Step, Worker
 from scanjobs.transitions import UNSYNCHRONISED
 
 ACTIVE: Final = "active"
@@ -18,7 +19,7 @@ GONE: Final = "gone"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerIdentity:
-    """One worker process."""
+    """One worker process; `host` tells in which process table its `pid` stands."""
 
     id: str
     host: str
@@ -59,6 +60,23 @@ def leave(session: Session, worker: WorkerIdentity) -> None:
     """The worker ends in good order."""
     statement = update(Worker).where(Worker.id == worker.id).values(state=GONE, lease_until=now_s())
     session.execute(statement, execution_options=UNSYNCHRONISED)
+
+
+def bury(session: Session, worker_ids: Sequence[str]) -> None:
+    """Workers that are known to be dead: their leases end now, and what waits in their memory is ready again."""
+    if not worker_ids:
+        return
+    dead = update(Worker).where(Worker.id.in_(worker_ids)).values(state=GONE, lease_until=now_s())
+    session.execute(dead, execution_options=UNSYNCHRONISED)
+    held = update(Step).where(Step.worker_id.in_(worker_ids), Step.state == StepState.RUNNING)
+    session.execute(held.values(lease_until=now_s() - 1.0), execution_options=UNSYNCHRONISED)
+    unheard = update(Step).where(Step.worker_id.in_(worker_ids), Step.state == StepState.SENT)
+    session.execute(unheard.values(sent_at=0.0), execution_options=UNSYNCHRONISED)
+
+
+def living_of(session: Session, host: str) -> tuple[Worker, ...]:
+    """The workers of a host that have not said goodbye, whether they are alive or not."""
+    return tuple(session.scalars(select(Worker).where(Worker.host == host, Worker.state != GONE)))
 
 
 def active_workers(session: Session) -> tuple[Worker, ...]:

@@ -6,7 +6,6 @@
 import fcntl
 import logging
 import os
-import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,7 +27,7 @@ from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
 
 from services.worker.supervisor import Supervisor
-from services.worker.ticker import Ticker
+from services.worker.ticker import Ticker, process_table
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +90,7 @@ def create_worker(settings: Settings, *, queues: Sequence[str] = QUEUES, slots: 
     """A worker that is not started yet; the database must be up to date."""
     identity = WorkerIdentity(
         id=str(uuid6.uuid7()),
-        host=socket.gethostname(),
+        host=process_table(),
         pid=os.getpid(),
         queues=tuple(queues),
         slots=slots or settings.slots,

@@ -4,8 +4,11 @@ Every worker process has one; they need no leader, because each move they make i
 """
 
 import logging
+import os
+import socket
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 from celery import Celery
 from kombu.exceptions import OperationalError as BrokerError
@@ -18,6 +21,19 @@ from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
 
 log = logging.getLogger(__name__)
+
+
+def process_table() -> str:
+    """This host and the process table that its process ids are from: two containers may share a name."""
+    return f"{socket.gethostname()}/{os.stat('/proc/self/ns/pid').st_ino}"
+
+
+def is_process(pid: int) -> bool:
+    """Whether a process of this table exists; a zombie has nothing left to say."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
 
 
 class Ticker:
@@ -39,6 +55,7 @@ class Ticker:
         self._identity = identity
         self._on_tick = on_tick
         self._on_drain = on_drain
+        self._holder = identity.id if settings.broker_url.startswith("memory") else None
         self._wake = threading.Event()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ticker", daemon=True)
@@ -62,8 +79,9 @@ class Ticker:
         """One tick; what cannot be done now is done by the next."""
         if self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s)) != "active":
             self._on_drain()
+        self._bury_dead()
         self._take_back_lost()
-        for message in self._store.write(dispatch.dispatch):
+        for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
             self._ring(message)
         self._on_tick()
 
@@ -75,6 +93,15 @@ class Ticker:
                 log.exception("the database does not answer; next try in %s s", self._settings.tick_s)
             self._wake.wait(self._settings.tick_s)
             self._wake.clear()
+
+    def _bury_dead(self) -> None:
+        """Workers of this process table that have died without a word need not be waited for."""
+        with self._store.read() as session:
+            neighbours = workers.living_of(session, self._identity.host)
+        dead = [one.id for one in neighbours if not is_process(one.pid)]
+        if dead:
+            log.warning("workers %s have died", ", ".join(dead))
+            self._store.write(lambda session: workers.bury(session, dead))
 
     def _take_back_lost(self) -> None:
         with self._store.read() as session:

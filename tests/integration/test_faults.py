@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,26 @@ def test_killed_worker_is_replaced_without_redoing_finished_steps(settings: Sett
         assert {step.token for step in service.steps(scan_id) if step.id in finished} == {1}
         assert service.step(scan_id, TRAIN, 1).attempt == 2
         assert service.violations() == ()
+
+
+def test_server_killed_three_times_finishes_its_scan(settings: Settings) -> None:
+    """The embedded server, killed whole in mid-scan, goes on from the file it left."""
+    upgrade(settings.database)
+    with looking_at(settings) as service:
+        scan_id = service.submit(toy_spec(frames=4))
+        for finished in (1, 5, 9):
+            with worker_process(settings) as server:
+                service.wait(partial(has_finished, service, scan_id, finished))
+                server.signal(signal.SIGKILL)
+                server.wait(5)
+        with worker_process(settings):
+            assert service.end_of(scan_id).state == "succeeded"
+        assert service.violations() == ()
+
+
+def has_finished(service: Service, scan_id: str, count: int) -> bool:
+    """Whether so many steps have succeeded."""
+    return sum(step.state == StepState.SUCCEEDED for step in service.steps(scan_id)) >= count
 
 
 def test_terminated_worker_gives_its_step_back_uncounted(settings: Settings) -> None:
