@@ -11,8 +11,8 @@ from scanjobs.store import Store, open_store
 from services.api import errors
 from services.api.dependencies import Parts
 from services.api.middleware import BodyLimit, RequestIds
+from services.api.openapi import document_refusals
 from services.api.routes import artifacts, health, info, modes, scans
-from services.api.schemas import Problem
 
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
@@ -41,7 +41,6 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
         version=info.package_version(),
         description=DESCRIPTION,
         lifespan=lifespan,
-        responses={422: {"description": "What is wrong, where, and what to change.", "model": Problem}},
     )
     app.state.parts = parts
     app.add_middleware(BodyLimit)
@@ -49,4 +48,5 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     errors.install(app)
     for module in (scans, modes, artifacts, info, health):
         app.include_router(module.router)
+    document_refusals(app)
     return app

@@ -52,13 +52,23 @@ log = logging.getLogger(__name__)
 class RequestRefused(Exception):
     """The API itself refuses a request: what it says and does is in the fields of the problem."""
 
-    def __init__(self, status: int, code: str, detail: str, *, pointer: str | None = None, hint: str | None = None):
+    def __init__(
+        self,
+        status: int,
+        code: str,
+        detail: str,
+        *,
+        pointer: str | None = None,
+        hint: str | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
         super().__init__(detail)
         self.status = status
         self.code = code
         self.detail = detail
         self.pointer = pointer
         self.hint = hint
+        self.headers = headers
 
 
 def problem(
@@ -102,7 +112,15 @@ def install(app: FastAPI) -> None:
 
 def _on_refusal(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestRefused)
-    return problem(request, error.status, error.code, error.detail, pointer=error.pointer, hint=error.hint)
+    return problem(
+        request,
+        error.status,
+        error.code,
+        error.detail,
+        pointer=error.pointer,
+        hint=error.hint,
+        headers=error.headers,
+    )
 
 
 def _on_validation(request: Request, error: Exception) -> JSONResponse:
@@ -129,7 +147,8 @@ def _on_known(request: Request, error: Exception) -> JSONResponse:
     status = next((STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF), 500)
     if status >= 500:
         log.error("%s: %s", error.code, error)
-    return problem(request, status, error.code, error.message, pointer=error.where, hint=error.hint)
+    pointer = error.where if error.where and error.where.startswith("/") else None
+    return problem(request, status, error.code, error.message, pointer=pointer, hint=error.hint)
 
 
 def _on_database(request: Request, error: Exception) -> JSONResponse:

@@ -1,17 +1,22 @@
 """A scan's files: listed with size and digest, served verified, whole or in ranges."""
 
-from fastapi import APIRouter
+import re
+from typing import Annotated
+
+from fastapi import APIRouter, Header
 from fastapi.responses import FileResponse
 from scanjobs.errors import NotFound
 from scanjobs.messages import IDENTIFY
 from scanjobs.repository import StoredFile, find_artifact, get_scan, list_artifacts
 
 from services.api.dependencies import Owner, Parts, ScanId, TheParts
+from services.api.errors import RequestRefused
 from services.api.names import public_name
 from services.api.schemas import ArtifactDetail, ArtifactList
 
 SANDBOX = "sandbox allow-scripts allow-downloads"
 """A served page (report.html) runs its own scripts, but not in the name of the API's address."""
+Range = Annotated[str | None, Header(alias="Range", max_length=512, description="bytes=FIRST-LAST")]
 router = APIRouter(prefix="/v1/scans/{scan_id}/artifacts", tags=["artifacts"])
 
 
@@ -25,9 +30,22 @@ def list_(scan_id: ScanId, parts: TheParts, owner: Owner) -> ArtifactList:
 
 
 @router.get("/{name:path}", response_class=FileResponse)
-def fetch(scan_id: ScanId, name: str, parts: TheParts, owner: Owner) -> FileResponse:
+def fetch(scan_id: ScanId, name: str, parts: TheParts, owner: Owner, range_: Range = None) -> FileResponse:
     """The bytes of a file; `Range` and `If-Range` work, the ETag is the SHA-256."""
-    return answer(parts, find(parts, scan_id, owner, name))
+    file = find(parts, scan_id, owner, name)
+    refuse_beyond_end(range_, file.size)
+    return answer(parts, file)
+
+
+def refuse_beyond_end(range_: str | None, size: int) -> None:
+    """416 for one range that begins behind the end; other forms are the file response's to read."""
+    asked = re.fullmatch(r"bytes=(\d{1,18})-\d*", range_ or "")
+    if asked and int(asked[1]) >= size:
+        detail = f"The file has {size} bytes."
+        hint = "Begin before its end."
+        raise RequestRefused(
+            416, "RANGE_NOT_SATISFIABLE", detail, hint=hint, headers={"Content-Range": f"bytes */{size}"}
+        )
 
 
 def find(parts: Parts, scan: str, owner: str, name: str) -> StoredFile:

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 
 import numpy as np
 import pytest
@@ -131,7 +132,8 @@ def test_ranges(service: Service, scan: str, range_: str, first: int, last: int)
 
 def test_a_range_behind_the_end_is_416(service: Service, scan: str) -> None:
     answer = service.http.get(f"/v1/scans/{scan}/artifacts/report.html", headers={"Range": "bytes=99999-"})
-    assert answer.status_code == 416
+    assert (answer.status_code, answer.json()["code"]) == (416, "RANGE_NOT_SATISFIABLE")
+    assert answer.headers["Content-Range"] == f"bytes */{len(REPORT)}"
 
 
 def test_a_range_of_another_version_gives_the_whole_file(service: Service, scan: str) -> None:
@@ -202,4 +204,15 @@ def test_the_openapi_document_builds_and_names_every_route(service: Service) -> 
         "/healthz",
         "/readyz",
     }
-    assert "Idempotency-Key" in str(document["paths"]["/v1/scans"]["post"]["parameters"])
+    submit = document["paths"]["/v1/scans"]["post"]
+    assert "Idempotency-Key" in str(submit["parameters"])
+    assert set(submit["responses"]) == {"202", "400", "409", "413", "422", "503"}
+    for status in ("409", "422"):
+        assert list(submit["responses"][status]["content"]) == ["application/problem+json"]
+    assert "pointer" in document["components"]["schemas"]["Problem"]["properties"]
+
+
+def test_every_reference_in_the_openapi_document_leads_somewhere(service: Service) -> None:
+    document = service.http.get("/openapi.json").json()
+    named = set(re.findall(r"#/components/schemas/([A-Za-z-_]+)", json.dumps(document)))
+    assert named <= set(document["components"]["schemas"])

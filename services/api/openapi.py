@@ -1,0 +1,78 @@
+"""The OpenAPI document: what FastAPI writes, with every refusal as the problem+json that is really sent."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from services.api.errors import MEDIA_TYPE
+from services.api.schemas import Problem
+
+Document = dict[str, Any]
+REFERENCE = "#/components/schemas/{model}"
+MEANING: Mapping[int, str] = {
+    400: "The body is no JSON.",
+    404: "There is no such scan, mode or file for this caller.",
+    409: "The scan's state does not allow it, or the Idempotency-Key came with another body before.",
+    413: "The body is too large.",
+    416: "The range lies behind the end of the file.",
+    422: "What is wrong, where, and what to change.",
+    503: "The database does not answer; nothing was stored. Send it again.",
+}
+
+
+def document_refusals(app: FastAPI) -> None:
+    """Let the app describe every refusal of every operation."""
+
+    def document() -> Document:
+        if app.openapi_schema is None:
+            app.openapi_schema = _described(app)
+        return app.openapi_schema
+
+    app.openapi = document  # type: ignore[method-assign]
+
+
+def _described(app: FastAPI) -> Document:
+    document = get_openapi(
+        title=app.title, version=app.version, description=app.description, routes=app.routes, openapi_version="3.1.0"
+    )
+    schemas = document["components"]["schemas"]
+    schema = Problem.model_json_schema(ref_template=REFERENCE)
+    schemas |= schema.pop("$defs", {})
+    schemas["Problem"] = schema
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+    for path, method, operation in _operations(document):
+        operation["responses"].pop("422", None)
+        operation["responses"] |= {str(status): _problem(status) for status in _refusals(path, method, operation)}
+    return document
+
+
+def _operations(document: Document) -> Iterator[tuple[str, str, Document]]:
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def _refusals(path: str, method: str, operation: Document) -> list[int]:
+    """The statuses that an operation may refuse with; health checks have their own answer for 503."""
+    found = [503] if path.startswith("/v1") else []
+    if "{scan_id}" in path:
+        found.append(404)
+    if method == "post":
+        found.append(409)
+    if "requestBody" in operation:
+        found += [400, 413]
+    if operation.get("parameters") or "requestBody" in operation:
+        found.append(422)
+    if path.endswith("/artifacts/{name}"):
+        found.append(416)
+    return sorted(found)
+
+
+def _problem(status: int) -> Document:
+    return {
+        "description": MEANING[status],
+        "content": {MEDIA_TYPE: {"schema": {"$ref": REFERENCE.format(model="Problem")}}},
+    }
