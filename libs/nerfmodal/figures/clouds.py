@@ -7,7 +7,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial import cKDTree
 
 from nerfmodal.figures.space import frame_points, space_panels
-from nerfmodal.figures.style import CYCLE, LABEL, MARKERS, TITLE, evenly, new_figure, say
+from nerfmodal.figures.style import CYCLE, LABEL, TITLE, evenly, new_figure, say
 from nerfmodal.types import PointCloud, ScanResult, SensorGrid
 
 MOST_POINTS = 12_000
@@ -16,6 +16,9 @@ REACH = 4.0
 LEAST_REACH = 0.02
 """… or within this many metres, whichever is larger."""
 
+OUTWARDS = 0.08
+"""How far beyond its organ a name stands, as a share of the way from the middle."""
+
 
 def cloud(points: PointCloud, result: ScanResult) -> Figure:
     """Two panels: the cloud in its own colours, and coloured by the organ whose sensors are near."""
@@ -23,7 +26,7 @@ def cloud(points: PointCloud, result: ScanResult) -> Figure:
         return say(new_figure(2.0), points.outcome.value)
     kept = evenly(len(points.points), MOST_POINTS)
     title = f"Point cloud at t = {points.time:g} s: {len(points.points):,} points"
-    panels = space_panels(2, 2, (3.0, 3.3), title=title)
+    panels = space_panels(2, 2, (3.4, 3.1), title=title)
     _by_color(panels.axes[0], points, kept)
     _by_organ(panels.axes[1], points.points[kept], result)
     panels.bar.remove()
@@ -51,8 +54,8 @@ def _reach(organ: SensorGrid) -> float:
 def _by_color(axes: Axes3D, points: PointCloud, kept: Int[np.ndarray, " kept"]) -> None:
     shown = points.points[kept]
     axes.scatter(*shown.T, c=np.clip(points.colors[kept], 0, 1), s=1.2, linewidths=0, depthshade=False)
-    axes.set_title("in its own colours", fontsize=TITLE, y=1.0)
-    frame_points(axes, shown, zoom=0.88)
+    axes.set_title("in its own colours", fontsize=TITLE, y=1.02)
+    frame_points(axes, shown, zoom=0.98)
 
 
 def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanResult) -> None:
@@ -61,10 +64,15 @@ def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanRe
     axes.scatter(*shown[labels < 0].T, c="#c4c4c4", s=0.8, linewidths=0, depthshade=False)
     for index, grid in enumerate(grids):
         mine = shown[labels == index]
-        colour, marker = CYCLE[index % len(CYCLE)], MARKERS[index % len(MARKERS)]
-        axes.scatter(*mine.T, color=colour, marker=marker, s=1.5, linewidths=0, depthshade=False)
-        axes.scatter([], [], [], color=colour, marker=marker, s=22, label=grid.organ)
-    axes.set_title("by organ (grey: none)", fontsize=TITLE, y=1.0)
-    frame_points(axes, shown, zoom=0.88)
-    if grids:
-        axes.legend(fontsize=LABEL - 1.5, loc="center left", frameon=False, bbox_to_anchor=(1.02, 0.5))
+        axes.scatter(*mine.T, color=CYCLE[index % len(CYCLE)], s=1.5, linewidths=0, depthshade=False)
+        _name(axes, grid, shown.mean(axis=0))
+    axes.set_title("by organ (grey: none)", fontsize=TITLE, y=1.02)
+    frame_points(axes, shown, zoom=0.98)
+
+
+def _name(axes: Axes3D, grid: SensorGrid, middle: Float[np.ndarray, " 3"]) -> None:
+    """The organ's name at its end that is farthest from the cloud's middle: colours alone do not survive grey."""
+    end = grid.positions[np.argmax(np.linalg.norm(grid.positions - middle, axis=1))]
+    paper = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+    place = end + OUTWARDS * (end - middle)
+    axes.text(*place, grid.organ, fontsize=LABEL - 1, ha="center", va="center", bbox=paper, zorder=1000)

@@ -28,6 +28,8 @@ SWING = 0.16
 """Largest drawn displacement, as a share of the organ's length."""
 LONGEST_EDGE = 3.5
 """A triangle whose longest edge is more than this many median edges spans a gap and is left out."""
+FLAT = 0.7
+"""An organ lower than this share of its largest side is flat."""
 PHASES = (0.0, 0.125, 0.25, 0.375, 0.5)
 """Of a period, from the largest swing one way to the other (Figure 9)."""
 RANGE = Normalize(-1, 1)
@@ -72,7 +74,7 @@ def magnified_frames(organ: OrganResult) -> Figure:
     for axes, (k, phase) in zip(panels.axes, moments, strict=True):
         axes.set_title(_moment(organ, k, phase), fontsize=LABEL, y=0.98)
         _draw(axes, modes[k], float(np.cos(2 * np.pi * phase)))
-        frame_points(axes, reach_of(modes), zoom=1.0)
+        frame_points(axes, reach_of(modes), zoom=_closeness(modes))
         axes.set_axis_off()
     _color_bar(panels)
     return panels.figure
@@ -128,6 +130,12 @@ def reach_of(modes: list[DrawnMode]) -> Float[np.ndarray, "points 3"]:
     return np.concatenate([mode.rest + sign * mode.magnification * mode.motion for mode in modes for sign in (-1, 1)])
 
 
+def _closeness(modes: list[DrawnMode]) -> float:
+    """A flat organ leaves its panel half empty: go nearer."""
+    span = np.ptp(reach_of(modes), axis=0)
+    return 1.0 if span[2] > FLAT * span.max() else 1.2
+
+
 def _measured(organ: OrganResult, k: int) -> str:
     return f"{measured(float(organ.model.frequencies[k]), float(organ.model.frequency_stds[k]))} Hz"
 
@@ -163,5 +171,5 @@ def _sheet(
 
 def _color_bar(panels: Panels) -> None:
     bar = panels.figure.colorbar(ScalarMappable(RANGE, SIGNED_MAP), cax=panels.bar, ticks=[-1, -0.5, 0, 0.5, 1])
-    bar.set_label("displacement (max 1)", fontsize=LABEL - 1)
+    bar.set_label("displacement / largest", fontsize=LABEL - 1.5)
     bar.ax.tick_params(labelsize=TICK)

@@ -10,8 +10,8 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from nerfmodal.figures.style import LABEL, TICK, TITLE, new_figure
 
-BAR, HEAD = 1.0, 0.4
-"""Inches kept free for the colour bar at the right and for the title."""
+BAR, HEAD, FOOT = 1.0, 0.4, 0.12
+"""Inches kept free for the colour bar at the right, for the title, and below each panel."""
 THINNEST = 0.3
 """No side of a box is drawn shorter than this share of its longest, or its ticks collide."""
 
@@ -36,7 +36,12 @@ def space_panels(count: int, columns: int, size: tuple[float, float], *, title: 
     axes = []
     for place in range(count):
         corner = (left + (place % columns) * size[0], height - HEAD - (place // columns + 1) * size[1])
-        axes.append(_space(figure, (corner[0] / width, corner[1] / height, size[0] / width, 0.9 * size[1] / height)))
+        axes.append(
+            _space(
+                figure,
+                (corner[0] / width, (corner[1] + FOOT) / height, size[0] / width, (0.92 * size[1] - FOOT) / height),
+            )
+        )
     length = min(1.6, 0.7 * (height - HEAD))
     bar = figure.add_axes(
         ((width - BAR + 0.3) / width, (height - HEAD - length) / 2 / height, 0.11 / width, length / height)

@@ -17,7 +17,6 @@ BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 ORANGE, SKY, YELLOW, BLACK = "#E69F00", "#56B4E9", "#F0E442", "#000000"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, BLACK, SKY, VERMILLION, YELLOW)
 """Neighbours differ in lightness too, for grey prints."""
-MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
 GREY = "#6b6b6b"
 SIGNED_MAP = "cividis"
 

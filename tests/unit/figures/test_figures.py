@@ -153,6 +153,11 @@ def test_an_organ_without_modes_says_why(outcome):
     assert all(outcome.value in texts(figure) for figure in pictures)
 
 
+def test_organs_are_named_in_the_picture_of_the_cloud():
+    panel = cloud(small_cloud(), RESULT).axes[1]
+    assert {text.get_text() for text in panel.texts} == {"leaf_0", "trunk"}
+
+
 def test_an_empty_cloud_says_why():
     empty = PointCloud(points=np.empty((0, 3)), colors=np.empty((0, 3)), time=0.0, outcome=Outcome.EMPTY_FIELD)
     assert Outcome.EMPTY_FIELD.value in texts(cloud(empty, RESULT))
