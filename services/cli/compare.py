@@ -14,7 +14,7 @@ from services.cli.output import Json, number, percent, print_json, results, tabl
 if TYPE_CHECKING:
     from nerfmodal.identify.comparison import ComparisonRow
 
-COLUMNS = ("organ", ">mode", ">truth Hz", ">found Hz", ">damping truth", ">found", ">MAC", "verdict")
+COLUMNS = ("organ", ">mode", ">truth Hz", ">found Hz", ">damping truth", ">damping found", ">MAC", "verdict")
 Row = dict[str, Any]
 
 

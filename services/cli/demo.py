@@ -47,8 +47,12 @@ def captures_of(spec: ScanSpec) -> list[Path]:
 
 
 def _through_the_service(spec: ScanSpec, out: Path, *, quiet: bool) -> tuple[Path, ...]:
-    """The downloaded files. The service's folder is removed, or named and kept where something went wrong."""
-    data_folder = Path(tempfile.mkdtemp(prefix="nerfmodal-demo-"))
+    """The downloaded files. The service's folder is removed, or named and kept where something went wrong.
+
+    It lies beside `out`, as it may grow to gigabytes and the system's temporary folder may be memory.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    data_folder = Path(tempfile.mkdtemp(prefix=".demo-service-", dir=out.parent))
     try:
         with running_service(data_folder, data_folder / "service.log", captures_of(spec)) as service:
             if not quiet:
