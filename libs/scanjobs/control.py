@@ -8,10 +8,11 @@ from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition
+from scanjobs.fanin import take_over_ready
 from scanjobs.messages import IDENTIFY, INSPECT, KINDS
 from scanjobs.plan import WHOLE_SCAN, PlannedStep, StepKey, first_steps, is_at_or_after, later_steps
 from scanjobs.planting import Inheritance, plant
-from scanjobs.repository import LOCAL_OWNER, get_scan
+from scanjobs.repository import LOCAL_OWNER, get_scan, insert_scan
 from scanjobs.settling import hold_scan, live_steps, settle
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Scan, Step
@@ -60,7 +61,17 @@ def retry_scan(
     values = {"generation": scan.generation + 1, "error": None, "started_at": None, "finished_at": None}
     move_scan(session, scan, ScanState.QUEUED, reason="retry", values=values)
     plant(session, scan, plan, inherited)
+    take_over_ready(session, scan)
+    settle(session, scan)
     return get_scan(session, scan_id, owner=owner)
+
+
+def fork_scan(session: Session, scan_id: str, spec: ScanSpec, *, owner: str = LOCAL_OWNER) -> Scan:
+    """Submit a changed specification as a scan of its own that takes over the results that are still the same.
+
+    Changing only `identification` renders and trains nothing again. Raises `NotFound`.
+    """
+    return insert_scan(session, spec, owner=owner, fork_of=get_scan(session, scan_id, owner=owner)).scan
 
 
 def _whole_plan(scan: Scan, from_kind: str | None) -> tuple[PlannedStep, ...]:

@@ -10,10 +10,12 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
+from scanjobs.given import inputs_of
+from scanjobs.inputs import input_digest
 from scanjobs.messages import IDENTIFY, INSPECT
 from scanjobs.plan import StepKey, is_essential, later_steps
 from scanjobs.planting import plant
-from scanjobs.settling import fail_scan
+from scanjobs.settling import fail_scan, live_steps
 from scanjobs.states import StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
 from scanjobs.transitions import UNSYNCHRONISED, move_step
@@ -48,9 +50,10 @@ def expand_plan(session: Session, scan: Scan, step: Step) -> None:
     frames = int((step.facts or {})["frames"])
     session.execute(update(Scan).where(Scan.id == scan.id).values(frames=frames), execution_options=UNSYNCHRONISED)
     plant(session, scan, later_steps(ScanSpec.model_validate(scan.spec), frames))
+    take_over_ready(session, scan)
 
 
-def release_children(session: Session, step: Step) -> None:
+def release_children(session: Session, scan: Scan, step: Step) -> None:
     """Count one parent less for every child, and wake those that wait for nothing more."""
     children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
     statement = (
@@ -63,6 +66,52 @@ def release_children(session: Session, step: Step) -> None:
     for child_id in sorted(child_id for child_id, left in counted if left == 0):
         child = session.get_one(Step, child_id, populate_existing=True)
         move_step(session, child, StepState.READY)
+        take_over(session, scan, child)
+
+
+def take_over_ready(session: Session, scan: Scan) -> None:
+    """Give the ready steps of a new plan the results that a relative of the scan has for them."""
+    if _has_relatives(scan):
+        for step in live_steps(session, scan, StepState.READY):
+            take_over(session, scan, step)
+
+
+def take_over(session: Session, scan: Scan, step: Step) -> None:
+    """Note what a ready step's result depends on, and end it at once if the same has been computed before.
+
+    Only scans of one root are relatives: a new submission of an old specification is computed.
+    """
+    given = [(one.kind, one.frame, one.role, one.digest) for one in inputs_of(session, step.id)]
+    digest = input_digest(scan.spec, StepKey(step.kind, step.frame), given)
+    session.execute(
+        update(Step).where(Step.id == step.id).values(input_digest=digest), execution_options=UNSYNCHRONISED
+    )
+    known = _same_step(session, scan, digest) if digest and _has_relatives(scan) and not step.fresh else None
+    if known is None:
+        return
+    refs = session.scalars(select(ArtifactRef).where(ArtifactRef.step_id == known.id))
+    rows = [{"step_id": step.id, "role": ref.role, "name": ref.name, "digest": ref.digest} for ref in refs]
+    if rows:
+        session.execute(insert(table_of(ArtifactRef)), rows)
+    values = {"reused_from": known.id, "facts": known.facts, "finished_at": now_s()}
+    move_step(session, step, StepState.SUCCEEDED, reason="same inputs", values=values)
+    release_children(session, scan, step)
+
+
+def _has_relatives(scan: Scan) -> bool:
+    return scan.generation > 0 or scan.root_id != scan.id
+
+
+def _same_step(session: Session, scan: Scan, digest: str) -> Step | None:
+    query = (
+        select(Step)
+        .join(Scan, Scan.id == Step.scan_id)
+        .where(Step.input_digest == digest, Step.state == StepState.SUCCEEDED)
+        .where(Scan.root_id == scan.root_id, Scan.owner == scan.owner)
+        .order_by(Step.id)
+        .limit(1)
+    )
+    return session.scalars(query).one_or_none()
 
 
 def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) -> None:
@@ -73,8 +122,8 @@ def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) 
     for descendant in _waiting_steps_of_frame(session, step):
         values = {"error": error, "finished_at": now_s()}
         move_step(session, descendant, StepState.FAILED, reason="frame lost", values=values)
-        release_children(session, descendant)
-    release_children(session, step)
+        release_children(session, scan, descendant)
+    release_children(session, scan, step)
 
 
 def _lost_frames(session: Session, scan: Scan) -> int:

@@ -16,24 +16,14 @@ from sqlalchemy.orm import Session
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
 from scanjobs.fanin import Output, attach_outputs, expand_plan, lose_frame, release_children
+from scanjobs.given import InputFile, inputs_of
 from scanjobs.settling import hold_scan, settle
 from scanjobs.states import WORKING_SCAN_STATES, ScanState, StepState
-from scanjobs.tables import ArtifactRef, Attempt, Scan, Step, StepDependency
+from scanjobs.tables import Attempt, Scan, Step
 from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_step
 
 FIRST_PAUSE_S: Final = 1.0
 """Before the second attempt; doubled for each later one."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputFile:
-    """An artifact that a parent made."""
-
-    kind: str
-    frame: int
-    role: str
-    name: str
-    digest: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +129,7 @@ def finish(session: Session, held: Claim, outputs: Sequence[Output], facts: dict
     _move_from_running(session, step, StepState.SUCCEEDED, "succeeded", facts=facts, finished_at=now_s())
     if scan.state in WORKING_SCAN_STATES:
         expand_plan(session, scan, step)
-        release_children(session, step)
+        release_children(session, scan, step)
     settle(session, scan)
     return True
 
@@ -228,21 +218,6 @@ def _claim_of(session: Session, scan: Scan, step: Step) -> Claim:
         frame=step.frame,
         spec=scan.spec,
         inputs=inputs_of(session, step.id),
-    )
-
-
-def inputs_of(session: Session, step_id: str) -> tuple[InputFile, ...]:
-    """What the parents of a step have made; never the truth of a simulation."""
-    query = (
-        select(Step.kind, Step.frame, ArtifactRef.role, ArtifactRef.name, ArtifactRef.digest)
-        .join(StepDependency, StepDependency.parent_id == Step.id)
-        .join(ArtifactRef, ArtifactRef.step_id == Step.id)
-        .where(StepDependency.child_id == step_id, ArtifactRef.role != "truth")
-        .order_by(Step.depth, Step.frame, ArtifactRef.role)
-    )
-    return tuple(
-        InputFile(kind=kind, frame=frame, role=role, name=name, digest=digest)
-        for kind, frame, role, name, digest in session.execute(query)
     )
 
 

@@ -13,6 +13,7 @@ from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
+from scanjobs.inputs import input_digest
 from scanjobs.plan import PlannedStep, StepKey
 from scanjobs.states import StepState
 from scanjobs.tables import ArtifactRef, Scan, Step, StepDependency, table_of
@@ -65,12 +66,17 @@ def _row(scan: Scan, step: PlannedStep, step_id: str, inherited: Inheritance) ->
         "progress_done": kept.progress_done if kept else 0,
         "progress_total": kept.progress_total if kept else 0,
         "progress_message": kept.progress_message if kept else "",
-        "input_digest": kept.input_digest if kept else None,
+        "input_digest": kept.input_digest if kept else _digest_of_root(scan, step),
         "reused_from": kept.id if kept else None,
         "facts": kept.facts if kept else None,
         "started_at": kept.started_at if kept else None,
         "finished_at": kept.finished_at if kept else None,
     }
+
+
+def _digest_of_root(scan: Scan, step: PlannedStep) -> str | None:
+    """A step without parents depends on the specification alone."""
+    return None if step.parents else input_digest(scan.spec, step.key, ())
 
 
 def _inherited_refs(session: Session, ids: Mapping[StepKey, str], inherited: Inheritance) -> list[Row]:

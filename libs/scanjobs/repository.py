@@ -17,9 +17,11 @@ from sqlalchemy.orm import Session, selectinload
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IdempotencyConflict, InvalidCursor, NotFound
+from scanjobs.fanin import take_over_ready
 from scanjobs.messages import KINDS
 from scanjobs.plan import first_steps
 from scanjobs.planting import plant
+from scanjobs.settling import settle
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Event, IdempotencyKey, Scan, ScanTag, Step, Worker, table_of
 from scanjobs.transitions import born_scan
@@ -108,6 +110,8 @@ def insert_scan(
     scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s)
     born_scan(session, scan)
     plant(session, scan, first_steps(spec))
+    take_over_ready(session, scan)
+    settle(session, scan)
     if idempotency is not None:
         _remember(session, owner, idempotency, scan)
     return Submission(get_scan(session, scan.id, owner=owner), created=True)

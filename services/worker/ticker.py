@@ -4,11 +4,11 @@ Every worker process has one; they need no leader, because each move they make i
 """
 
 import logging
-import os
 import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from celery import Celery
 from kombu.exceptions import OperationalError as BrokerError
@@ -22,14 +22,18 @@ from sqlalchemy.exc import SQLAlchemyError
 
 log = logging.getLogger(__name__)
 
+NAMESPACE: Final = Path("/proc/self/ns/pid")
+
 
 def process_table() -> str:
     """This host and the process table that its process ids are from: two containers may share a name."""
-    return f"{socket.gethostname()}/{os.stat('/proc/self/ns/pid').st_ino}"
+    return f"{socket.gethostname()}/{NAMESPACE.stat().st_ino if NAMESPACE.exists() else 0}"
 
 
 def is_process(pid: int) -> bool:
-    """Whether a process of this table exists; a zombie has nothing left to say."""
+    """Whether a process of this table exists; a zombie has nothing left to say. Without /proc nobody can tell."""
+    if not NAMESPACE.exists():
+        return True
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     except OSError:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from nerfmodal.spec import IdentificationSpec, ReconstructionSpec
 from scanjobs import control
 from scanjobs.errors import DataFolderInUse, IllegalTransition
 from scanjobs.messages import EXTRACT, IDENTIFY, RENDER, TRAIN, Message
@@ -206,3 +207,36 @@ def test_runner_ends_when_its_supervisor_is_gone(settings: Settings) -> None:
         runner = service.runner_of(scan_id, RENDER, 0)
         os.kill(worker.pid, signal.SIGKILL)
         service.wait(lambda: not is_alive(runner), 1.0)
+
+
+def test_fork_with_another_identification_renders_and_trains_nothing(service: Service) -> None:
+    spec = toy_spec(frames=2, seed=5)
+    scan = service.end_of(service.submit(spec))
+    other = spec.model_copy(update={"identification": IdentificationSpec(max_modes=3)})
+    fork = service.store.write(lambda session: control.fork_scan(session, scan.id, other))
+    assert service.end_of(fork.id).state == "succeeded"
+    assert [step.kind for step in service.steps(fork.id) if step.token] == [IDENTIFY]
+
+
+def test_fork_with_another_training_renders_nothing_and_trains_all(service: Service) -> None:
+    spec = toy_spec(frames=2, seed=6)
+    scan = service.end_of(service.submit(spec))
+    other = spec.model_copy(update={"reconstruction": ReconstructionSpec(iterations=7)})
+    fork = service.store.write(lambda session: control.fork_scan(session, scan.id, other))
+    assert service.end_of(fork.id).state == "succeeded"
+    computed = [step.kind for step in service.steps(fork.id) if step.token]
+    assert computed == [TRAIN] * 3 + [EXTRACT] * 2 + [IDENTIFY]
+
+
+def test_fork_that_changes_nothing_has_succeeded_already(service: Service) -> None:
+    spec = toy_spec(frames=2, seed=7)
+    scan = service.end_of(service.submit(spec))
+    fork = service.store.write(lambda session: control.fork_scan(session, scan.id, spec))
+    assert fork.state == "succeeded"
+
+
+def test_same_specification_submitted_anew_is_computed(service: Service) -> None:
+    first = service.end_of(service.submit(toy_spec(frames=1, seed=8)))
+    second = service.end_of(service.submit(toy_spec(frames=1, seed=8)))
+    assert first.id != second.id
+    assert all(step.token == 1 for step in service.steps(second.id))
