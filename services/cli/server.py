@@ -5,6 +5,7 @@ import socket
 import uvicorn
 from fastapi import FastAPI
 from scanjobs.settings import Settings
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from services.api.app import create_app
 from services.cli.address import announce, withdraw
@@ -12,6 +13,7 @@ from services.cli.output import results
 from services.worker.app import embedded_worker
 
 GRACE_S = 3
+LOCAL_NAMES = ("127.0.0.1", "localhost")
 
 
 def serve(settings: Settings, listener: socket.socket, slots: int | None) -> None:
@@ -24,9 +26,16 @@ def serve(settings: Settings, listener: socket.socket, slots: int | None) -> Non
     """
     with embedded_worker(settings, slots=slots):
         try:
-            AnnouncedServer(create_app(settings), settings).run(sockets=[listener])
+            AnnouncedServer(local_app(settings), settings).run(sockets=[listener])
         finally:
             withdraw(settings.data_folder)
+
+
+def local_app(settings: Settings) -> FastAPI:
+    """The API for this machine alone: a page elsewhere whose name is made to lead here is not answered."""
+    app = create_app(settings)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL_NAMES))
+    return app
 
 
 class AnnouncedServer(uvicorn.Server):

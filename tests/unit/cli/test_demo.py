@@ -84,7 +84,7 @@ def test_a_service_ends_with_the_process_that_started_it(tmp_path: Path) -> None
     assert announced(data) is None
 
 
-def test_two_services_on_one_folder_are_refused(tmp_path: Path) -> None:
+def test_a_service_guards_its_folder_its_port_and_its_name(tmp_path: Path) -> None:
     with running_service(tmp_path / "data", tmp_path / "log") as service:
         second = subprocess.run(
             [sys.executable, "-m", "services.cli.main", "up", "--port", "0", "--data", str(tmp_path / "data")],
@@ -108,6 +108,7 @@ def test_two_services_on_one_folder_are_refused(tmp_path: Path) -> None:
         assert third.returncode == 1
         assert "--port: cannot listen" in third.stderr
         assert httpx.get(f"{service.address}/readyz").status_code == 200
+        assert httpx.get(f"{service.address}/readyz", headers={"Host": "evil.example"}).status_code == 400
 
 
 def test_scans_from_submit_to_download(call: Call, spec: Path, tmp_path: Path) -> None:
