@@ -20,7 +20,10 @@ Row = dict[str, Any]
 
 def compare(
     a: Annotated[Path, typer.Argument(help="A result: its folder, or its result.npz.", show_default=False)],
-    b: Annotated[Path, typer.Argument(help="Another result, or a truth.npz.", show_default=False)],
+    b: Annotated[
+        Path,
+        typer.Argument(help="Another result, or a truth: a capture's folder or its truth.npz.", show_default=False),
+    ],
     as_json: Json = False,
 ) -> None:
     """Pair the modes of two results (or a result and a truth): frequency, damping, MAC."""
@@ -42,8 +45,9 @@ def as_rows(rows: Sequence["ComparisonRow"]) -> list[Row]:
 
 
 def result_file(path: Path) -> Path:
-    """The .npz that a path means. Raises `InvalidInput`."""
-    file = path / "result.npz" if path.is_dir() else path
+    """The .npz that a path means: itself, or a folder's result, or its truth. Raises `InvalidInput`."""
+    candidates = [path / "result.npz", path / "truth.npz"] if path.is_dir() else [path]
+    file = next((candidate for candidate in candidates if candidate.is_file()), candidates[0])
     if not file.is_file():
         hint = "Give the folder of a result, its result.npz, or a truth.npz."
         raise InvalidInput("is not there.", where=str(file), hint=hint)

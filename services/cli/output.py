@@ -3,13 +3,13 @@
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-WIDTH_WITHOUT_TERMINAL = 140
+WIDTH_WITHOUT_TERMINAL = 400
 MACHINE = "machine"
 
 
@@ -43,10 +43,11 @@ def print_json(document: Any) -> None:
 
 
 def table_of(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> Table:
-    """A plain table; columns that begin with '>' are right-aligned."""
+    """A plain table; columns that begin with '>' are right-aligned, and the last one may wrap."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
-    for column in columns:
-        table.add_column(column.removeprefix(">"), justify="right" if column.startswith(">") else "left", no_wrap=True)
+    for place, column in enumerate(columns, start=1):
+        side: Literal["left", "right"] = "right" if column.startswith(">") else "left"
+        table.add_column(column.removeprefix(">"), justify=side, no_wrap=place < len(columns))
     for row in rows:
         table.add_row(*row)
     return table

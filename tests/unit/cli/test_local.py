@@ -143,6 +143,7 @@ def test_a_result_beside_a_truth_keeps_what_is_unmatched(call: Call, results: Pa
     assert [row["truth_hz"] for row in rows if row["truth_hz"] is not None] == [pytest.approx(2.17)]
     assert sum(row["truth_hz"] is None for row in rows) == 3
     assert "2.170" in call("compare", results, results.parent / "truth.npz").stdout
+    assert json.loads(call("compare", results, results.parent, "--json").stdout) == rows  # a folder with a truth alone
 
 
 def test_what_cannot_be_compared_is_3(call: Call, results: Path, tmp_path: Path) -> None:
