@@ -1,7 +1,9 @@
 """Pictures of a simulated plant by Blender's Cycles: the only importer of bpy, and only inside functions.
 
+The light of a frame does not depend on the view, so it is path-traced once a frame, onto the vertices ("baked": the
+sky's HDRI, its shadows and one bounce), and a view only looks at it: views cost little and share one light. The noise
+of the baked light keeps to its vertices and, with one Cycles seed for all frames, to its value: it is texture.
 A scene is built once per process and mesh; a frame only moves the mesh's vertices, a view only the camera.
-Every picture uses the same Cycles seed: a pixel that nothing changes keeps its value from frame to frame.
 Blender's camera looks along -z with +y up, as `types.Camera` does; its lens is set from the focal length in pixels.
 """
 
@@ -16,19 +18,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from PIL import Image
 
 from nerfmodal.errors import MissingExtra
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.simulate.motion import frame_times, plant_of, vertices_at
+from nerfmodal.simulate.patches import grid_triangles
 from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, check_rig
 from nerfmodal.spec import SimulationSource
 from nerfmodal.types import Camera, Frame, Mesh
 
 SENSOR_MM = 36.0
-SKY = "sunset.exr"
-SKY_STRENGTH = 0.8
+SKY = "sunrise.exr"
+SKY_STRENGTH = 1.6
+SKY_MAP = 2048
+"""Resolution at which the sky's light is sampled: coarser, and the sun falls between the map's cells as sparks."""
+PLANT_PATHS, GROUND_PATHS = 12, 24
+"""Paths per triangle corner of the baked light; a vertex averages about six corners."""
+UNDERSIDE = 0.62
+"""Light that comes through a leaf, as a share of that on its upper side."""
+NEAR_GROUND, NEAR_STEP = 2.4, 0.08
+"""The ground's light is baked this finely (m) within this distance (m) of the plant."""
 
 
 def render_frame(source: SimulationSource, index: int, seed: int, *, report: Callable[[int, int], None]) -> Frame:
@@ -60,13 +71,33 @@ def render_views(
         file = Path(folder) / "view.png"
         with _quiet_stdout():
             stage = _stage(_SameMesh(mesh))
-            stage.prepare(vertices, samples, seed)
+            stage.prepare(vertices, seed)
         for done, camera in enumerate(cameras, start=1):
             with _quiet_stdout():
-                stage.shoot(camera, file)
+                stage.shoot(camera, samples, file)
             pictures.append(_read(file))
             report(done, len(cameras))
     return np.stack(pictures)
+
+
+@dataclass(frozen=True, slots=True)
+class _Surface:
+    """An object whose baked light its camera rays see."""
+
+    item: Any
+    nodes: Any
+
+    def lit(self) -> None:
+        """Show the real material, which the light falls on."""
+        self._show("Principled BSDF", "BSDF")
+
+    def seen(self) -> None:
+        """Show the baked light times the tint."""
+        self._show("Emission", "Emission")
+
+    def _show(self, node: str, socket: str) -> None:
+        nodes = self.nodes
+        nodes.links.new(nodes.nodes[node].outputs[socket], nodes.nodes["Material Output"].inputs["Surface"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +105,34 @@ class _Stage:
     """A Blender scene with one plant, the ground, a sky and one camera."""
 
     bpy: Any
-    mesh: Any
+    plant: _Surface
+    ground: _Surface
 
-    def prepare(self, vertices: Float[np.ndarray, "vertices 3"], samples: int, seed: int) -> None:
-        self.mesh.vertices.foreach_set("co", np.ascontiguousarray(vertices, dtype=np.float32).ravel())
-        self.mesh.update()
-        cycles = self.bpy.context.scene.cycles
-        cycles.samples, cycles.seed = samples, seed % 2**31
+    def prepare(self, vertices: Float[np.ndarray, "vertices 3"], seed: int) -> None:
+        """Move the plant and let the sky shine on it."""
+        data = self.plant.item.data
+        data.vertices.foreach_set("co", np.ascontiguousarray(vertices, dtype=np.float32).ravel())
+        data.update()
+        self.bpy.context.scene.cycles.seed = seed % 2**31
+        self.bake(self.plant, PLANT_PATHS)
 
-    def shoot(self, camera: Camera, file: Path) -> None:
+    def bake(self, surface: _Surface, paths: int) -> None:
+        """Path-trace the light on the surface's vertices."""
+        cycles, layer = self.bpy.context.scene.cycles, self.bpy.context.view_layer
+        cycles.samples, cycles.max_bounces = paths, 2
+        self.plant.lit()
+        self.ground.lit()
+        for item in (self.plant.item, self.ground.item):
+            item.select_set(item is surface.item)
+        layer.objects.active = surface.item
+        self.bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, target="VERTEX_COLORS")
+        self.plant.seen()
+        self.ground.seen()
+
+    def shoot(self, camera: Camera, samples: int, file: Path) -> None:
+        """Take one picture; all its light is baked, so that no ray bounces."""
         scene = self.bpy.context.scene
+        scene.cycles.samples, scene.cycles.max_bounces = samples, 0
         scene.render.resolution_x, scene.render.resolution_y = camera.width, camera.height
         lens = scene.camera.data
         lens.lens = camera.focal_x * SENSOR_MM / camera.width
@@ -113,10 +162,11 @@ def _stage(plant: _SameMesh) -> _Stage:
     bpy = _import_bpy()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _set_render(bpy.context.scene)
-    _add_ground(bpy)
     _add_sky(bpy)
     _add_camera(bpy)
-    return _Stage(bpy, _add_plant(bpy, plant.mesh))
+    stage = _Stage(bpy, _add_plant(bpy, plant.mesh), _add_ground(bpy))
+    stage.bake(stage.ground, GROUND_PATHS)
+    return stage
 
 
 def _import_bpy() -> Any:
@@ -135,50 +185,71 @@ def _set_render(scene: Any) -> None:
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
-    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", True, False
+    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
     cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 2, 2, 1
     cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 1
     cycles.caustics_reflective, cycles.caustics_refractive = False, False
-    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = 1.5, 1.0
 
 
-def _add_plant(bpy: Any, mesh: Mesh) -> Any:
-    data = bpy.data.meshes.new("plant")
-    data.from_pydata(mesh.vertices.tolist(), [], mesh.triangles.tolist())
-    data.shade_smooth()
-    colors = data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
+def _add_plant(bpy: Any, mesh: Mesh) -> _Surface:
+    surface = _add_surface(bpy, "plant", mesh.vertices, mesh.triangles)
+    surface.item.data.shade_smooth()
+    colors = surface.item.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
     colors.data.foreach_set("color", np.insert(mesh.colors, 3, 1.0, axis=1).astype(np.float32).ravel())
-    material, shader, nodes = _new_material(bpy, "plant", roughness=0.6)
-    color = nodes.nodes.new("ShaderNodeVertexColor")
-    color.layer_name = "tint"
-    nodes.links.new(color.outputs["Color"], shader.inputs["Base Color"])
-    data.materials.append(material)
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("plant", data))
-    return data
+    nodes = surface.nodes
+    tint = nodes.nodes.new("ShaderNodeVertexColor")
+    tint.layer_name = "tint"
+    sides = nodes.nodes.new("ShaderNodeMapRange")
+    sides.inputs["To Min"].default_value, sides.inputs["To Max"].default_value = 1.0, UNDERSIDE
+    nodes.links.new(nodes.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"], sides.inputs["Value"])
+    nodes.links.new(sides.outputs["Result"], nodes.nodes["Emission"].inputs["Strength"])
+    _paint(surface, tint.outputs["Color"])
+    return surface
 
 
-def _add_ground(bpy: Any) -> None:
-    data = bpy.data.meshes.new("ground")
-    h = GROUND_HALF
-    data.from_pydata([(-h, -h, 0), (h, -h, 0), (h, h, 0), (-h, h, 0)], [], [(0, 1, 2, 3)])
-    material, shader, nodes = _new_material(bpy, "ground", roughness=1.0)
-    shader.inputs["Specular IOR Level"].default_value = 0.0
+def _add_ground(bpy: Any) -> _Surface:
+    near = np.arange(-NEAR_GROUND, NEAR_GROUND + NEAR_STEP / 2, NEAR_STEP)
+    lines = np.concatenate([[-GROUND_HALF, -6.0, -3.5], near, [3.5, 6.0, GROUND_HALF]])
+    y, x = np.meshgrid(lines, lines, indexing="ij")
+    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    surface = _add_surface(bpy, "ground", vertices, grid_triangles(len(lines), len(lines)))
+    nodes = surface.nodes
     place, checker = nodes.nodes.new("ShaderNodeTexCoord"), nodes.nodes.new("ShaderNodeTexChecker")
     checker.inputs["Scale"].default_value = 1 / CHECKER_SIDE
     for name, tone in zip(("Color1", "Color2"), CHECKER_TONES, strict=True):
         checker.inputs[name].default_value = (tone, tone, tone, 1.0)
     nodes.links.new(place.outputs["Object"], checker.inputs["Vector"])
-    nodes.links.new(checker.outputs["Color"], shader.inputs["Base Color"])
-    data.materials.append(material)
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("ground", data))
+    _paint(surface, checker.outputs["Color"])
+    return surface
 
 
-def _new_material(bpy: Any, name: str, *, roughness: float) -> tuple[Any, Any, Any]:
-    material = bpy.data.materials.new(name)
+def _add_surface(
+    bpy: Any, name: str, vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
+) -> _Surface:
+    data, material = bpy.data.meshes.new(name), bpy.data.materials.new(name)
+    data.from_pydata(vertices.tolist(), [], triangles.tolist())
+    data.color_attributes.new("light", "FLOAT_COLOR", "POINT")
+    data.color_attributes.active_color = data.color_attributes["light"]
     material.use_nodes = True
-    shader = material.node_tree.nodes["Principled BSDF"]
-    shader.inputs["Roughness"].default_value = roughness
-    return material, shader, material.node_tree
+    data.materials.append(material)
+    item = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(item)
+    nodes = material.node_tree
+    shader = nodes.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value, shader.inputs["Specular IOR Level"].default_value = 1.0, 0.0
+    nodes.nodes.new("ShaderNodeEmission")
+    return _Surface(item, nodes)
+
+
+def _paint(surface: _Surface, tint: Any) -> None:
+    """The tint is the reflectance where light falls and multiplies the baked light where a camera looks."""
+    nodes = surface.nodes
+    light, product = nodes.nodes.new("ShaderNodeVertexColor"), nodes.nodes.new("ShaderNodeVectorMath")
+    light.layer_name, product.operation = "light", "MULTIPLY"
+    nodes.links.new(tint, nodes.nodes["Principled BSDF"].inputs["Base Color"])
+    nodes.links.new(tint, product.inputs[0])
+    nodes.links.new(light.outputs["Color"], product.inputs[1])
+    nodes.links.new(product.outputs["Vector"], nodes.nodes["Emission"].inputs["Color"])
 
 
 def _add_sky(bpy: Any) -> None:
@@ -191,7 +262,7 @@ def _add_sky(bpy: Any) -> None:
     background = nodes.nodes["Background"]
     background.inputs["Strength"].default_value = SKY_STRENGTH
     nodes.links.new(picture.outputs["Color"], background.inputs["Color"])
-    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 512
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
     bpy.context.scene.world = world
 
 

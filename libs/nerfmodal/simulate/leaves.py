@@ -96,7 +96,8 @@ def _leaflet(surface: LeafSurface, stand: float, side: int, random: np.random.Ge
     middle_s, middle_y = stand + t * forward / form.length, side * t * reach
     room = (LAST_LEAFLET - FIRST_LEAFLET) * form.length / (form.leaflets_per_side - 1) * np.sin(angle)
     half = 0.5 * form.cover * room * _lanceolate(t)
-    across = np.array([reach, -forward * side]) / np.hypot(reach, forward)
+    # turned by the side so that the triangles of both halves face up
+    across = np.array([side * reach, -forward]) / np.hypot(reach, forward)
     s = np.clip(np.stack([middle_s + k * half * across[0] / form.length for k in (-1, 0, 1)], axis=1), 0, 1).ravel()
     y = np.stack([middle_y + k * half * across[1] for k in (-1, 0, 1)], axis=1).ravel()
     tilt = random.uniform(0.05, 0.35)

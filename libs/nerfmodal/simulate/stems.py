@@ -28,8 +28,8 @@ class StemForm:
 
 def palm_stem(form: StemForm, random: np.random.Generator) -> Patch:
     """The stem as a closed tube; `across` is the distance from its centreline along x."""
-    s = np.linspace(0, 1, 141)
-    sides = 28
+    s = np.linspace(0, 1, 101)
+    sides = 20
     side, upper = np.tile([1.0, 0.0, 0.0], (len(s), 1)), np.tile([0.0, 1.0, 0.0], (len(s), 1))
     vertices, triangles = tube(centerline(form, s), _radii(form, s), side, upper, sides)
     cap = np.array([[0.0, 0.0, form.height + 0.01]])
