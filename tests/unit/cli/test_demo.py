@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from services.cli.address import announced
-from services.cli.service_process import processes_with, running_service
+from services.cli.service_process import MARK, ServiceLeftProcesses, processes_with, running_service
 from tests.unit.cli.conftest import SPEC, Call, stored
 
 RUN = "NERFMODAL_TEST_RUN"
@@ -67,6 +67,19 @@ def test_an_interrupted_service_takes_its_runners_along(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     assert left_running() == []
     assert announced(tmp_path / "data") is None
+
+
+def test_what_a_service_leaves_behind_is_found_and_killed(tmp_path: Path) -> None:
+    """A process in a session of its own, as a runner that nobody asked to end."""
+    with (
+        pytest.raises(ServiceLeftProcesses) as left,
+        running_service(tmp_path / "data", tmp_path / "log") as service,
+    ):
+        inherited = Path(f"/proc/{service.pid}/environ").read_bytes().split(b"\0")
+        [mark] = [item.decode().partition("=")[2] for item in inherited if item.startswith(MARK.encode())]
+        orphan = subprocess.Popen(["sleep", "60"], env={MARK: mark}, start_new_session=True)
+    assert str(orphan.pid) in str(left.value)
+    assert orphan.wait(5) == -9
 
 
 def test_a_service_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
