@@ -103,7 +103,7 @@ def surface_triangles(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, 
     centred = points - points.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     flat = centred @ axes[:2].T
-    if len(points) < 4 or np.ptp(flat[:, 1]) < 1e-6 * np.ptp(flat[:, 0]):
+    if len(points) < 4 or np.ptp(flat[:, 1]) <= 1e-6 * np.ptp(flat[:, 0]):
         return np.empty((0, 3), dtype=int)
     triangles = Delaunay(flat).simplices.astype(int)
     corners = flat[triangles]

@@ -14,6 +14,8 @@ from nerfmodal.types import DisplacementMatrix, OrganResult, Verdict
 NORMAL_95 = 1.96
 DECADES = 6
 """Of a spectrum that are shown below its peak."""
+FAINTEST = 1e-12
+"""Peak in mm²/Hz below which a spectrum is drawn as nothing."""
 MOST_COMPONENTS = 6
 
 
@@ -113,13 +115,14 @@ def _spectrum(axes: Axes, displacement: DisplacementMatrix, values: Float[np.nda
     if np.isfinite(values).sum() < 2:
         return
     frequencies, density = power_spectral_density(displacement.times, values, displacement.frame_rate)
-    peak = max(float(density.max()), 1e-30)
-    axes.semilogy(frequencies, np.maximum(density, peak * 10.0**-DECADES), color=BLUE, linewidth=1.0)
+    peak = max(float(density.max()), FAINTEST)
+    axes.set_yscale("log")
+    axes.set_xlim(0, displacement.frame_rate / 2)
+    axes.set_ylim(peak * 10.0**-DECADES, peak * 4)
+    axes.plot(frequencies, np.maximum(density, peak * 10.0**-DECADES), color=BLUE, linewidth=1.0)
     if row.frequency is not None:
         half = NORMAL_95 * row.frequency_std
         axes.axvspan(row.frequency - half, row.frequency + half, color=VERMILLION, alpha=0.25, linewidth=0)
         axes.axvline(row.frequency, color=VERMILLION, linewidth=0.9, linestyle=(0, (4, 2)))
-    axes.set_xlim(0, displacement.frame_rate / 2)
-    axes.set_ylim(peak * 10.0**-DECADES, peak * 4)
     label(axes, y="mm²/Hz")
     axes.tick_params(axis="y", labelsize=TICK - 0.5)

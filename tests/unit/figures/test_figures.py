@@ -153,6 +153,31 @@ def test_an_organ_without_modes_says_why(outcome):
     assert all(outcome.value in texts(figure) for figure in pictures)
 
 
+def thinned(count: int, *, positions: np.ndarray | None = None):
+    grid = LEAF.displacement.sensors
+    places = grid.positions[:count] if positions is None else positions
+    values = LEAF.displacement.values[:, :count]
+    displacement = replace(LEAF.displacement, values=values, sensors=replace(grid, positions=places))
+    return replace(
+        LEAF, displacement=displacement, model=replace(LEAF.model, mode_shapes=LEAF.model.mode_shapes[:count])
+    )
+
+
+@pytest.mark.parametrize(
+    "organ",
+    [
+        thinned(4),
+        thinned(4, positions=np.outer(np.arange(4.0), [1, 1, 0])),
+        thinned(4, positions=np.zeros((4, 3))),
+        replace(LEAF, model=replace(LEAF.model, coordinates=0 * LEAF.model.coordinates)),
+        replace(LEAF, model=replace(LEAF.model, frequency_stds=np.full(3, np.nan), damping_stds=np.full(3, np.inf))),
+    ],
+    ids=["four sensors", "on a line", "in one place", "still", "uncertainty unknown"],
+)
+def test_poor_organs_are_drawn_too(organ, tmp_path: Path):
+    assert len(draw(replace(RESULT, organs=(organ,)), None, None, tmp_path)) == 5
+
+
 def test_organs_are_named_in_the_picture_of_the_cloud():
     panel = cloud(small_cloud(), RESULT).axes[1]
     assert {text.get_text() for text in panel.texts} == {"leaf_0", "trunk"}
