@@ -48,19 +48,25 @@ def extrema(
     places, sizes = [], []
     for start in np.arange(0, len(size) - window + 1e-9, window):
         inside = np.arange(int(np.ceil(start)), min(int(np.ceil(start + window)), len(size)))
-        place, top = _refined(size, int(inside[np.argmax(size[inside])]))
+        highest = int(inside[np.argmax(size[inside])])
+        if not _is_top(size, highest):
+            continue
+        place, top = _refined(size, highest)
         places.append(place / frame_rate)
         sizes.append(top)
     kept = np.array(sizes) > 0
     return np.array(places)[kept], np.array(sizes)[kept]
 
 
+def _is_top(size: np.ndarray, place: int) -> bool:
+    """Whether the series turns there; the edge of a half period, or of the record, need not be an extremum."""
+    return bool(0 < place < len(size) - 1 and size[place] >= max(size[place - 1], size[place + 1]))
+
+
 def _refined(size: np.ndarray, place: int) -> tuple[float, float]:
-    if not 0 < place < len(size) - 1:
-        return float(place), float(size[place])
     left, middle, right = size[place - 1 : place + 2]
     curvature = left - 2 * middle + right
-    if curvature >= 0 or middle < max(left, right):
+    if curvature >= 0:
         return float(place), float(middle)
     shift = 0.5 * (left - right) / curvature
     return place + shift, float(middle - 0.25 * (left - right) * shift)

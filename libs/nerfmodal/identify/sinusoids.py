@@ -23,7 +23,10 @@ LOWEST_HZ = 0.35
 HIGHEST_SHARE = 0.45
 """Of the frame rate: above it a line cannot be told from its alias."""
 DAMPING_RANGE = (-0.05, 0.20)
-ROUNDS = 2
+MOST_ROUNDS = 15
+"""Re-estimates of the residual's covariance: after two the strongest line can still be ten deviations off."""
+SETTLED = np.array([1e-5, 1e-6])
+"""Change of (frequency Hz, damping ratio) below which another round is worth nothing."""
 CLOSEST = 0.1
 """Two lines closer than this over the record's length are one line split in two."""
 NOTHING_LEFT = 1e-10
@@ -122,10 +125,13 @@ def fit_lines(
     span = times[-1] - times[0]
     bounds = Bounds(low=np.array([0.5 / span, DAMPING_RANGE[0]]), high=np.array([0.49 * frame_rate, DAMPING_RANGE[1]]))
     lines = start
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
+        before = lines
         residuals = _solve_linear(times, channels, lines)[1]
         whitener = _whitener(_covariance(residuals, channels, lines))
         lines, _ = refine(times, channels @ whitener, lines, bounds)
+        if np.all(np.abs(lines - before) <= SETTLED):
+            break
     return lines
 
 

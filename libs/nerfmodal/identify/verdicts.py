@@ -18,6 +18,8 @@ WEAK_SHARE = 0.02
 FEWEST_PERIODS = 2.0
 ALIAS_SHARE = 0.45
 NEGATIVE_SDS = 3.0
+NEGATIVE_DAMPING = -0.002
+"""Nearer to zero an undamped mode is meant, whatever the deviations say."""
 LOWEST_MPC = 0.5
 DRIFT_LAG = 0.2
 LOWEST_TO_RESIDUAL = 1.0
@@ -75,7 +77,7 @@ def reasons_of(
         Reason.HARMONIC: combination,
         Reason.RECORD_TOO_SHORT: frequency * duration < FEWEST_PERIODS,
         Reason.ALIAS_SUSPECT: frequency > ALIAS_SHARE * frame_rate,
-        Reason.NEGATIVE_DAMPING: damping_ratio < -NEGATIVE_SDS * damping_std - 1e-6,
+        Reason.NEGATIVE_DAMPING: damping_ratio < min(-NEGATIVE_SDS * damping_std, NEGATIVE_DAMPING),
         Reason.LOW_MPC: mpc < LOWEST_MPC,
         Reason.WEAK: amplitude < WEAK_SHARE * strongest,
         Reason.FIT_RESIDUAL_HIGH: amplitude < LOWEST_TO_RESIDUAL * residual,

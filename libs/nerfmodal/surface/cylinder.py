@@ -53,13 +53,18 @@ class CylinderSurface:
         """Number of coefficients, the radius' two included."""
         return len(self.start)
 
-    def fit(self, points: Float[np.ndarray, "points 3"], prior: Prior | None = None) -> RobustFit | None:
+    def fit(
+        self,
+        points: Float[np.ndarray, "points 3"],
+        *,
+        start: Float[np.ndarray, " coefficients"] | None = None,
+        prior: Prior | None = None,
+    ) -> RobustFit | None:
         """The coefficients of one frame's points (world, metres); None without more points than coefficients."""
         across, along = _split(self.frame.to_local(points), self.middle, self.half)
         if len(along) <= len(self.start):
             return None
-        start = self.start if prior is None else prior.mean
-        return _gauss_newton(across, along, start, self.degree, prior)
+        return _gauss_newton(across, along, self.start if start is None else start, self.degree, prior)
 
     def displacement_basis(self) -> Float[np.ndarray, "dofs terms"]:
         """B of D = C Bᵀ: the centreline's two offsets at every sensor; the radius does not displace."""

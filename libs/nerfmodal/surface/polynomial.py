@@ -34,13 +34,18 @@ class PolynomialSurface:
         """Number of coefficients: the terms of the polynomial."""
         return self.basis.terms
 
-    def fit(self, points: Float[np.ndarray, "points 3"], prior: Prior | None = None) -> RobustFit | None:
+    def fit(
+        self,
+        points: Float[np.ndarray, "points 3"],
+        *,
+        start: Float[np.ndarray, " coefficients"] | None = None,
+        prior: Prior | None = None,
+    ) -> RobustFit | None:
         """The coefficients of one frame's points (world, metres); None without more points than terms."""
         local = self.frame.to_local(points)
         local = local[self.basis.contains(local[:, :2])]
         if len(local) <= self.basis.terms:
             return None
-        start = None if prior is None else prior.mean
         return fit_robustly(self.basis.evaluate(local[:, :2]), local[:, 2], start=start, prior=prior)
 
     def displacement_basis(self) -> Float[np.ndarray, "dofs terms"]:

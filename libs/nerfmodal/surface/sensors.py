@@ -29,8 +29,14 @@ class Surface(Protocol):
     def size(self) -> int:
         """Number of coefficients of a frame."""
 
-    def fit(self, points: Float[np.ndarray, "points 3"], prior: Prior | None = None) -> RobustFit | None:
-        """Coefficients of one frame's points; None if there are too few."""
+    def fit(
+        self,
+        points: Float[np.ndarray, "points 3"],
+        *,
+        start: Float[np.ndarray, " coefficients"] | None = None,
+        prior: Prior | None = None,
+    ) -> RobustFit | None:
+        """Coefficients of one frame's points, from `start` on; None if there are too few."""
 
     def displacement_basis(self) -> Float[np.ndarray, "dofs terms"]:
         """B: what the leading coefficients displace at every sensor."""

@@ -128,13 +128,13 @@ def _refit(
     """Every valid frame again, given what the others say of it."""
     places = [index for index, fit in enumerate(fits) if fit is not None]
 
-    def again(place: int, prior: Prior) -> RobustFit:
+    def again(place: int, start: np.ndarray, prior: Prior) -> RobustFit:
         index = places[place]
         report(len(chosen) + index, 2 * len(chosen), f"{name}: pooled refit of frame {index}")
         points, before = chosen[index], fits[index]
         assert points is not None
         assert before is not None
-        return surface.fit(points, prior) or before
+        return surface.fit(points, start=start, prior=prior) or before
 
     refitted = refit_pooled([fit for fit in fits if fit is not None], again)
     result = list(fits)

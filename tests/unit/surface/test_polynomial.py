@@ -88,8 +88,8 @@ def test_the_pooled_refit_fills_a_hole_from_the_other_frames() -> None:
         designs.append(BASIS.evaluate(xy[kept]))
         heights.append(designs[-1] @ (shape * motion[frame]) + 0.005 * rng.normal(size=kept.sum()))
 
-    def again(index: int, prior: Prior) -> RobustFit:
-        return fit_robustly(designs[index], heights[index], start=prior.mean, prior=prior)
+    def again(index: int, start: np.ndarray, prior: Prior) -> RobustFit:
+        return fit_robustly(designs[index], heights[index], start=start, prior=prior)
 
     plain = [fit_robustly(design, height) for design, height in zip(designs, heights, strict=True)]
     pooled = refit_pooled(plain, again)
