@@ -1,0 +1,81 @@
+"""The tables and the races on a real PostgreSQL."""
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from scanjobs import dispatch, leases, repository, workers
+from scanjobs.artifacts import ArtifactStore
+from scanjobs.clock import now_s
+from scanjobs.fsck import check
+from scanjobs.messages import EXTRACT, IDENTIFY, QUEUES, RENDER, TRAIN
+from scanjobs.migrate import downgrade, upgrade
+from scanjobs.store import open_store
+from scanjobs.tables import Base
+from scanjobs.workers import WorkerIdentity
+from sqlalchemy import inspect, select
+
+from tests.integration.toy_service import toy_spec
+
+
+def test_models_and_revisions_agree_up_down_and_up_again(database_url: str) -> None:
+    for _ in range(2):
+        upgrade(database_url)
+        store = open_store(database_url)
+        with store.engine.connect() as connection:
+            context = MigrationContext.configure(connection, opts={"compare_type": True})
+            assert compare_metadata(context, Base.metadata) == []
+        store.write(lambda session: repository.insert_scan(session, toy_spec()))
+        with store.read() as session:
+            assert len(repository.list_scans(session).items) == 1
+        store.close()
+        downgrade(database_url, "base")
+    store = open_store(database_url)
+    assert set(inspect(store.engine).get_table_names()) <= {"alembic_version"}
+    store.close()
+
+
+def test_clock_is_in_seconds_since_1970(database_url: str) -> None:
+    store = open_store(database_url)
+    with store.read() as session:
+        assert 1.7e9 < session.scalars(select(now_s())).one() < 1e10
+    store.close()
+
+
+@pytest.mark.parametrize("repetition", range(2))
+def test_parents_that_finish_together_wake_every_child_once(database_url: str, tmp_path: Path, repetition: int) -> None:
+    """The dispatcher, the claims and the fan-ins of 8 frames by 8 racing threads; every step is done once."""
+    upgrade(database_url)
+    store = open_store(database_url)
+    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=8)
+    store.write(lambda session: workers.register(session, identity, 600.0))
+    scan = store.write(lambda session: repository.insert_scan(session, toy_spec(frames=8))).scan
+    done = threading.Event()
+
+    def work() -> None:
+        while not done.is_set():
+            for message in store.write(dispatch.dispatch):
+                claim = store.write(lambda session, step=message.step_id: leases.claim(session, step, "w", 60.0))
+                if claim is None:
+                    continue
+                accepted = store.write(lambda session, held=claim: leases.finish(session, held, (), {}))
+                if accepted and claim.kind == IDENTIFY:
+                    done.set()
+            time.sleep(0.02)
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    assert done.wait(60)
+    for thread in threads:
+        thread.join(10)
+    with store.read() as session:
+        assert repository.get_scan(session, scan.id).state == "succeeded"
+        steps = repository.list_steps(session, scan)
+        assert check(session, ArtifactStore(tmp_path / "artifacts")) == (), repetition
+    assert {step.token for step in steps} == {1}
+    assert {step.kind for step in steps} == {RENDER, TRAIN, EXTRACT, IDENTIFY}
+    store.close()
