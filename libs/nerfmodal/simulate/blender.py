@@ -125,7 +125,10 @@ class _Stage:
         for item in (self.plant.item, self.ground.item):
             item.select_set(item is surface.item)
         layer.objects.active = surface.item
+        # kept data would hold the materials of the last picture, which give no light back
+        self.bpy.context.scene.render.use_persistent_data = False
         self.bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, target="VERTEX_COLORS")
+        self.bpy.context.scene.render.use_persistent_data = True
         self.plant.seen()
         self.ground.seen()
 
@@ -169,6 +172,11 @@ def _stage(plant: _SameMesh) -> _Stage:
     return stage
 
 
+def forget_scene() -> None:
+    """Let go of the scene that is kept between calls; the next frame builds its own."""
+    _stage.cache_clear()
+
+
 def _import_bpy() -> Any:
     try:
         import bpy
@@ -180,7 +188,7 @@ def _import_bpy() -> Any:
 def _set_render(scene: Any) -> None:
     """Few bounces: the light is a sky, and the plant is seen for its motion."""
     render, cycles = scene.render, scene.cycles
-    render.engine, render.use_persistent_data, render.resolution_percentage = "CYCLES", True, 100
+    render.engine, render.resolution_percentage = "CYCLES", 100
     render.threads_mode, render.threads = "FIXED", int(os.environ.get("NERFMODAL_THREADS") or os.cpu_count() or 1)
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0

@@ -69,7 +69,7 @@ def acai(height: float = 2.59, width: float = 1.61, leaf_length: float = 0.98, l
     stem = palm_stem(StemForm(height=top), np.random.default_rng([seed, leaves]))
     names = (*(f"leaf_{index}" for index in range(leaves)), "trunk")
     regions = [_leaf_region(leaf, 2 * np.pi * index / leaves) for index, leaf in enumerate(raised)]
-    kinds: list[OrganKind] = ["leaf"] * leaves + ["stem"]
+    kinds: list[OrganKind] = ["leaf" if index < leaves else "stem" for index in range(leaves + 1)]
     organs = tuple(
         Organ(name=name, kind=kind, region=region)
         for name, kind, region in zip(names, kinds, [*regions, _stem_region(stem, top)], strict=True)
