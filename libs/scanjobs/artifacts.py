@@ -45,10 +45,10 @@ class ArtifactStore:
         return stored
 
     def path(self, digest: str) -> Path:
-        """The verified file of a digest. Raises `ArtifactDamaged` or `NotFound`."""
+        """The verified file of a digest. Raises `ArtifactDamaged`, or `NotFound` for what is no digest."""
         path = self.place(digest)
         if not path.is_file():
-            raise NotFound(f"the artifact {digest} is not stored.", hint="Retry the scan from the step that made it.")
+            raise ArtifactDamaged(digest, "is missing")
         with path.open("rb") as file:
             _verify(file, digest)
         return path
@@ -100,9 +100,7 @@ def _copy(source: Path, staged: Path) -> Stored:
 
 def _verify(file: BufferedReader, digest: str) -> None:
     if hashlib.file_digest(file, "sha256").hexdigest() != digest:
-        raise ArtifactDamaged(
-            f"the stored file of {digest} has other bytes.", hint="Retry the scan from the step that made it."
-        )
+        raise ArtifactDamaged(digest, "has other bytes")
 
 
 def _sync_folder(folder: Path) -> None:

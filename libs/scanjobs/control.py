@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition
-from scanjobs.fanin import take_over_ready
+from scanjobs.fanin import made_damaged, take_over_ready
 from scanjobs.messages import IDENTIFY, INSPECT, KINDS
 from scanjobs.plan import WHOLE_SCAN, PlannedStep, StepKey, first_steps, is_at_or_after, later_steps
 from scanjobs.planting import Inheritance, plant
@@ -58,7 +58,13 @@ def retry_scan(
     _check_kind(plan, from_kind)
     afresh = frozenset(step.key for step in plan if _is_asked(step.key, from_kind, frames))
     inherited = Inheritance(_kept(session, scan, plan, afresh), afresh)
-    values = {"generation": scan.generation + 1, "error": None, "started_at": None, "finished_at": None}
+    values = {
+        "generation": scan.generation + 1,
+        "error": None,
+        "started_at": None,
+        "finished_at": None,
+        "deadline_at": None,
+    }
     move_scan(session, scan, ScanState.QUEUED, reason="retry", values=values)
     plant(session, scan, plan, inherited)
     take_over_ready(session, scan)
@@ -102,7 +108,8 @@ def _kept(
     query = select(Step).where(
         Step.scan_id == scan.id, Step.generation == scan.generation, Step.state == StepState.SUCCEEDED
     )
-    finished = {StepKey(step.kind, step.frame): step for step in session.scalars(query)}
+    damaged = made_damaged(session, scan)
+    finished = {StepKey(step.kind, step.frame): step for step in session.scalars(query) if step.id not in damaged}
     kept: dict[StepKey, Step] = {}
     for step in plan:  # parents come before their children
         if step.key in finished and step.key not in afresh and all(parent in kept for parent in step.parents):

@@ -62,6 +62,12 @@ class ArtifactDamaged(ScanjobsError):
 
     code = "ARTIFACT_DAMAGED"
 
+    def __init__(self, digest: str, reason: str) -> None:
+        super().__init__(
+            f"the stored file of {digest} {reason}.", hint="Retry the scan: the step that made it is computed again."
+        )
+        self.digest = digest
+
 
 class DataFolderInUse(ScanjobsError):
     """Another server runs on this data folder; stop it or choose another folder."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from nerfmodal.spec import ScanSpec
 from sqlalchemy import func, insert, select, update
@@ -20,7 +20,8 @@ from scanjobs.states import StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
 from scanjobs.transitions import UNSYNCHRONISED, move_step
 
-STORED = "stored"
+STORED: Final = "stored"
+DAMAGED: Final = "damaged"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +42,24 @@ def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> N
     rows = [{"step_id": step.id, "role": out.role, "name": out.name, "digest": out.digest} for out in outputs]
     if rows:
         session.execute(insert(table_of(ArtifactRef)), rows)
+
+
+def damn(session: Session, digest: str) -> None:
+    """The stored bytes of a digest are no longer its own: no retry and no fork relies on them."""
+    statement = update(Artifact).where(Artifact.digest == digest).values(state=DAMAGED)
+    session.execute(statement, execution_options=UNSYNCHRONISED)
+
+
+def made_damaged(session: Session, scan: Scan) -> frozenset[str]:
+    """Steps of the scan's root, one of whose files is damaged."""
+    query = (
+        select(ArtifactRef.step_id)
+        .join(Artifact, Artifact.digest == ArtifactRef.digest)
+        .join(Step, Step.id == ArtifactRef.step_id)
+        .join(Scan, Scan.id == Step.scan_id)
+        .where(Artifact.state == DAMAGED, Scan.root_id == scan.root_id)
+    )
+    return frozenset(session.scalars(query))
 
 
 def expand_plan(session: Session, scan: Scan, step: Step) -> None:
@@ -109,9 +128,9 @@ def _same_step(session: Session, scan: Scan, digest: str) -> Step | None:
         .where(Step.input_digest == digest, Step.state == StepState.SUCCEEDED)
         .where(Scan.root_id == scan.root_id, Scan.owner == scan.owner)
         .order_by(Step.id)
-        .limit(1)
     )
-    return session.scalars(query).one_or_none()
+    damaged = made_damaged(session, scan)
+    return next((step for step in session.scalars(query) if step.id not in damaged), None)
 
 
 def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) -> None:

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
-from scanjobs.fanin import Output, attach_outputs, expand_plan, lose_frame, release_children
+from scanjobs.fanin import Output, attach_outputs, damn, expand_plan, lose_frame, release_children
 from scanjobs.given import InputFile, inputs_of
 from scanjobs.settling import hold_scan, settle
 from scanjobs.states import WORKING_SCAN_STATES, ScanState, StepState
@@ -50,6 +50,9 @@ class Failure:
     retryable: bool = True
     counted: bool = True
     """False where the step is not to blame: a full disk."""
+    exit_code: int | None = None
+    damaged: str | None = None
+    """Digest of an input that is not what it was; the step that made it is no longer kept by a retry."""
 
 
 class Standing(StrEnum):
@@ -134,13 +137,15 @@ def finish(session: Session, held: Claim, outputs: Sequence[Output], facts: dict
     return True
 
 
-def fail(session: Session, held: Claim, failure: Failure, max_attempts: int, *, exit_code: int | None = None) -> bool:
+def fail(session: Session, held: Claim, failure: Failure, max_attempts: int) -> bool:
     """Record a failed attempt: the step is tried again, or is lost for good; False when the claim is lost."""
     owned = _owned(session, held)
     if owned is None:
         return False
     scan, step = owned
-    _end_attempt(session, step, "failed", exit_code, failure)
+    if failure.damaged is not None:
+        damn(session, failure.damaged)
+    _end_attempt(session, step, "failed", failure)
     _after_failure(session, scan, step, failure, max_attempts)
     return True
 
@@ -173,7 +178,7 @@ def reap(session: Session, step_id: str, max_attempts: int) -> bool:
     if session.scalars(overdue).first() is None:
         return False
     failure = Failure(code="LEASE_EXPIRED", message="the worker that computed this step was not heard of any more.")
-    _end_attempt(session, step, "lease expired", None, failure)
+    _end_attempt(session, step, "lease expired", failure)
     _after_failure(session, scan, step, failure, max_attempts)
     return True
 
@@ -252,14 +257,14 @@ def _stop(session: Session, scan: Scan, step: Step, reason: str) -> bool:
 
 
 def _move_from_running(session: Session, step: Step, target: StepState, reason: str, **values: Any) -> None:
-    _end_attempt(session, step, reason, None, None)
+    _end_attempt(session, step, reason, None)
     move_step(session, step, target, reason=reason, values={"lease_until": None, "worker_id": None, **values})
 
 
-def _end_attempt(session: Session, step: Step, outcome: str, exit_code: int | None, failure: Failure | None) -> None:
+def _end_attempt(session: Session, step: Step, outcome: str, failure: Failure | None) -> None:
     values: dict[str, Any] = {"ended_at": now_s(), "outcome": outcome[:32]}
     if failure is not None:
-        values |= {"exit_code": exit_code, "error": _error_of(step, failure)}
+        values |= {"exit_code": failure.exit_code, "error": _error_of(step, failure)}
     statement = update(Attempt).where(
         Attempt.step_id == step.id, Attempt.token == step.token, Attempt.ended_at.is_(None)
     )

@@ -48,6 +48,10 @@ class Settings(BaseSettings):
     """An idle runner ends after this long and gives its memory back."""
     stop_grace_s: Seconds = 1.5
     """From asking a runner to stop to killing it."""
+    step_limit_s: Seconds = 6 * 3600.0
+    """A step that computes for longer has failed."""
+    disk_low_mb: Annotated[int, Field(ge=0)] = 200
+    """With less room left no step is begun and no scan is taken."""
     drain_s: Seconds = 12.0
     """From SIGTERM to giving up on a clean end."""
 

@@ -4,8 +4,9 @@ Every transaction that ends or revives a step holds the row of its scan first (`
 steps of one scan happens in one order: no two parents finish at once, no cancel passes a finish.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -13,9 +14,19 @@ from sqlalchemy.orm import Session
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
 from scanjobs.messages import IDENTIFY
-from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, ScanState, StepState
+from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Attempt, Scan, Step
 from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_steps
+
+DEADLINE_PASSED: Final = MappingProxyType(
+    {
+        "step": None,
+        "code": "DEADLINE_PASSED",
+        "message": "the scan's deadline has passed.",
+        "hint": "Retry it: what has been computed is kept.",
+        "retryable": True,
+    }
+)
 
 
 def hold_scan(session: Session, scan_id: str, *, owner: str | None = None) -> Scan:
@@ -43,14 +54,25 @@ def settle(session: Session, scan: Scan) -> None:
         move_scan(session, scan, ScanState.SUCCEEDED, values={"finished_at": now_s(), "error": None})
 
 
-def fail_scan(session: Session, scan: Scan, error: dict[str, Any]) -> None:
+def fail_scan(session: Session, scan: Scan, error: Mapping[str, Any]) -> None:
     """End a held scan for good; what still lived is cancelled and what still computes is fenced off."""
     steps = live_steps(session, scan)
     close_attempts(session, [step for step in steps if step.state == StepState.RUNNING], "scan failed")
     move_steps(session, steps, StepState.CANCELED, reason="scan failed", values=_ended())
     move_scan(
-        session, scan, ScanState.FAILED, reason=str(error["code"]), values={"finished_at": now_s(), "error": error}
+        session, scan, ScanState.FAILED, reason=str(error["code"]), values={"finished_at": now_s(), "error": dict(error)}
     )
+
+
+def fail_overdue_scans(session: Session) -> int:
+    """End the scans whose deadline has passed; how many."""
+    query = select(Scan.id).where(Scan.deadline_at < now_s(), Scan.state.in_([s.value for s in WORKING_SCAN_STATES]))
+    overdue = session.scalars(query.order_by(Scan.id)).all()
+    for scan_id in overdue:
+        scan = hold_scan(session, scan_id)
+        if scan.state in WORKING_SCAN_STATES:
+            fail_scan(session, scan, DEADLINE_PASSED)
+    return len(overdue)
 
 
 def close_attempts(session: Session, steps: Sequence[Step], outcome: str) -> None:

@@ -35,6 +35,7 @@ class Child:
         self.kind = kind
         self.log_path = log_path
         self.steps = 0
+        self.is_busy = False
         self.idle_since = time.monotonic()
         self._lines: queue.SimpleQueue[Line | None] = queue.SimpleQueue()
         log_path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,11 +63,14 @@ class Child:
     def order(self, order: Order) -> None:
         """Give it a step to compute."""
         self.steps += 1
+        self.is_busy = True
         self._send(run_line(order))
 
     def receive(self, timeout_s: float) -> Line | None:
         """Its next line. Raises `queue.Empty` when it says nothing in time; None when it has died."""
-        return self._lines.get(timeout=timeout_s)
+        line = self._lines.get(timeout=timeout_s)
+        self.is_busy = line is not None and "progress" in line
+        return line
 
     def stop(self, grace_s: float) -> None:
         """Ask it to stop its step, and kill it if it has not in `grace_s` seconds."""
@@ -113,7 +117,7 @@ class Child:
 
 
 class Children:
-    """Idle runners by kind. A step takes one or starts one; it is given back only after a step that went well."""
+    """Idle runners by kind. A step takes one or starts one, and gives it back; one that has been killed is dropped."""
 
     def __init__(self, settings: Settings, log_folder: Path) -> None:
         self._settings = settings
@@ -135,7 +139,9 @@ class Children:
 
     def give_back(self, child: Child) -> None:
         """Keep a runner for the next step of its kind, unless it has done its share."""
-        if child.steps >= self._settings.runner_steps:
+        if child.exit_code is not None:
+            return
+        if child.is_busy or child.steps >= self._settings.runner_steps:
             child.kill()
             return
         child.idle_since = time.monotonic()

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 from scanjobs import dispatch, leases
 from scanjobs.artifacts import ArtifactStore, place_input
-from scanjobs.errors import ArtifactDamaged, NotFound
+from scanjobs.disk import is_full
+from scanjobs.errors import ArtifactDamaged
 from scanjobs.fanin import Output
 from scanjobs.leases import Claim, Failure, Standing
 from scanjobs.media import media_type_of
@@ -25,7 +26,7 @@ from scanjobs.store import Store
 from sqlalchemy.exc import SQLAlchemyError
 
 from services.worker.child import Child, Children
-from services.worker.protocol import DISK_FULL, Line, Order, read_failed, read_produced
+from services.worker.protocol import DISK_FULL, Failed, Line, Order, failed_line, read_failed, read_produced
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +38,7 @@ PROGRESS_S: Final = 1.0
 class Watch:
     """What is known of a running step; `renewed_at` is the monotonic time at which the last good renewal began."""
 
+    began: float
     renewed_at: float
     done: int = 0
     total: int = 0
@@ -53,6 +55,42 @@ class Watch:
         """Whether the lease or the progress must be written now."""
         age = time.monotonic() - self.renewed_at
         return age >= lease_s / 3 or (not self.told and age >= PROGRESS_S)
+
+
+TOO_LONG: Final = Failed(
+    code="STEP_TOO_LONG",
+    message="the step computed for longer than it may.",
+    hint="Raise NERFMODAL_STEP_LIMIT_S, or ask for less.",
+)
+MAYBE_MEMORY: Final = "It may have run out of memory: use fewer slots, points or pixels."
+
+
+def of_system(error: OSError) -> Failure:
+    """Why this machine could not do its part; a full disk is no attempt of the step."""
+    if is_full(error):
+        hint = "Free some space; the scan then goes on by itself."
+        return Failure(code=DISK_FULL, message="the disk is full.", hint=hint, counted=False)
+    return Failure(code="INTERNAL", message=f"{type(error).__name__}: {error}", hint="The worker's log has more.")
+
+
+def of_runner(failed: Failed, exit_code: int | None) -> Failure:
+    """Why the runner could not compute the step."""
+    return Failure(
+        code=failed.code,
+        message=failed.message,
+        hint=failed.hint,
+        retryable=failed.retryable,
+        counted=failed.code != DISK_FULL,
+        exit_code=exit_code,
+    )
+
+
+def death_of(child: Child) -> Line:
+    """The runner ended without a word."""
+    child.kill()
+    code = child.exit_code
+    message = f"the process that computed the step ended with code {code}."
+    return failed_line(Failed(code="RUNNER_DIED", message=message, hint=MAYBE_MEMORY if code == -9 else None))
 
 
 class Supervisor:
@@ -90,16 +128,19 @@ class Supervisor:
         if self._draining.is_set():
             self._store.write(lambda session: dispatch.take_back(session, step_id))
             return
-        began = time.monotonic()
-        lease_s = self._settings.lease_s
         if not self._is_wanted(step_id):
             return
+        began = time.monotonic()
+        lease_s = self._settings.lease_s
         claim = self._store.write(lambda session: leases.claim(session, step_id, self._worker_id, lease_s))
         if claim is None:
             return
+        watch = Watch(began, began)
         folder = self._work / f"{claim.step_id}-{claim.token}"
         try:
-            self._compute(claim, folder, Watch(began))
+            failure = self._compute(claim, folder, watch)
+            if failure is not None:
+                self._fail(claim, failure, watch)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
             self._on_change()
@@ -109,18 +150,36 @@ class Supervisor:
         with self._store.read() as session:
             return dispatch.is_sent(session, step_id)
 
-    def _compute(self, claim: Claim, folder: Path, watch: Watch) -> None:
+    def _compute(self, claim: Claim, folder: Path, watch: Watch) -> Failure | None:
+        """Everything from the input files to the accepted result; what went wrong, if the claim is still ours."""
         try:
             order = self._order(claim, folder)
-        except (ArtifactDamaged, NotFound) as error:
-            self._fail(claim, Failure(code=error.code, message=error.message, hint=error.hint, retryable=False))
-            return
-        child = self.children.take(claim.kind)
+            child = self.children.take(claim.kind)
+        except ArtifactDamaged as error:
+            return Failure(
+                code=error.code, message=error.message, hint=error.hint, retryable=False, damaged=error.digest
+            )
+        except OSError as error:
+            return of_system(error)
+        try:
+            return self._with(child, claim, order, watch)
+        except OSError as error:
+            return of_system(error)
+        finally:
+            self.children.give_back(child)
+
+    def _with(self, child: Child, claim: Claim, order: Order, watch: Watch) -> Failure | None:
         self._write(watch, lambda session: leases.note_runner(session, claim, child.pid, child.log_path.name))
         child.order(order)
         line = self._watch(claim, child, watch)
-        if line is not None:
-            self._conclude(claim, child, line, watch)
+        if line is None:
+            return None
+        if "failed" in line:
+            exit_code = child.exit_code
+            child.kill()  # what failed in it may have left it in any state
+            return of_runner(read_failed(line), exit_code)
+        self._accept(claim, line, watch)
+        return None
 
     def _order(self, claim: Claim, folder: Path) -> Order:
         (folder / "out").mkdir(parents=True)
@@ -140,7 +199,7 @@ class Supervisor:
             except queue.Empty:
                 line = {}
             if line is None:
-                return self._death_of(child)
+                return death_of(child)
             if "progress" in line:
                 watch.note(line)
             elif line:
@@ -149,6 +208,9 @@ class Supervisor:
                 looked_at = time.monotonic()
                 if not self._go_on(claim, child, watch):
                     return None
+                if looked_at - watch.began >= self._settings.step_limit_s:
+                    child.stop(self._settings.stop_grace_s)
+                    return failed_line(TOO_LONG)
 
     def _go_on(self, claim: Claim, child: Child, watch: Watch) -> bool:
         """Look at the claim; False after the runner has been stopped for a reason that is written down."""
@@ -184,26 +246,10 @@ class Supervisor:
     def _is_expired(self, watch: Watch) -> bool:
         return time.monotonic() - watch.renewed_at >= self._settings.lease_s
 
-    def _conclude(self, claim: Claim, child: Child, line: Line, watch: Watch) -> None:
-        if "failed" in line:
-            exit_code = child.exit_code
-            child.kill()
-            failed = read_failed(line)
-            counted = failed.code != DISK_FULL
-            failure = Failure(
-                code=failed.code,
-                message=failed.message,
-                hint=failed.hint,
-                retryable=failed.retryable,
-                counted=counted,
-            )
-            self._fail(claim, failure, exit_code)
-            return
-        self.children.give_back(child)
+    def _accept(self, claim: Claim, line: Line, watch: Watch) -> None:
         made, facts = read_produced(line)
         outputs = tuple(self._keep(one.role, one.path) for one in made)
-        accepted = self._write(watch, lambda session: leases.finish(session, claim, outputs, facts))
-        if not accepted:
+        if not self._write(watch, lambda session: leases.finish(session, claim, outputs, facts)):
             log.warning("the result of step %s came too late and is dropped", claim.step_id)
 
     def _keep(self, role: str, path: Path) -> Output:
@@ -212,18 +258,12 @@ class Supervisor:
             role=role, name=path.name, digest=stored.digest, size=stored.size, media_type=media_type_of(path.name)
         )
 
-    def _fail(self, claim: Claim, failure: Failure, exit_code: int | None = None) -> None:
+    def _fail(self, claim: Claim, failure: Failure, watch: Watch) -> None:
         log.warning(
             "step %s (%s, frame %s): %s %s", claim.step_id, claim.kind, claim.frame, failure.code, failure.message
         )
         most = self._settings.max_attempts
-        self._store.write(lambda session: leases.fail(session, claim, failure, most, exit_code=exit_code))
-
-    def _death_of(self, child: Child) -> Line:
-        child.kill()
-        message = f"the process that computed the step ended with code {child.exit_code}."
-        hint = "It may have run out of memory: use fewer slots, points or pixels." if child.exit_code == -9 else None
-        return {"failed": {"code": "RUNNER_DIED", "message": message, "hint": hint, "retryable": True}}
+        self._write(watch, lambda session: leases.fail(session, claim, failure, most))
 
     def _write(self, watch: Watch, work: Callable[[Any], bool]) -> bool:
         """Write down an ending, trying again while the database is away and the lease lasts."""

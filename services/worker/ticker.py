@@ -13,12 +13,13 @@ from typing import Final
 from celery import Celery
 from kombu.exceptions import OperationalError as BrokerError
 from scanjobs import dispatch, leases, workers
+from scanjobs.disk import is_low
 from scanjobs.messages import Message
 from scanjobs.queue import publish
 from scanjobs.settings import Settings
+from scanjobs.settling import fail_overdue_scans
 from scanjobs.store import Store
 from scanjobs.workers import WorkerIdentity
-from sqlalchemy.exc import SQLAlchemyError
 
 log = logging.getLogger(__name__)
 
@@ -85,18 +86,24 @@ class Ticker:
             self._on_drain()
         self._bury_dead()
         self._take_back_lost()
-        for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
-            self._ring(message)
+        if is_low(self._settings):
+            log.warning("the disk is nearly full: no step is begun")
+        else:
+            self._send_ready()
         self._on_tick()
 
     def _run(self) -> None:
         while not self._ended.is_set():
             try:
                 self.tick()
-            except SQLAlchemyError:
-                log.exception("the database does not answer; next try in %s s", self._settings.tick_s)
+            except Exception:  # whatever it is, the worker must not fall silent: the next tick tries again
+                log.exception("a tick failed; next try in %s s", self._settings.tick_s)
             self._wake.wait(self._settings.tick_s)
             self._wake.clear()
+
+    def _send_ready(self) -> None:
+        for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
+            self._ring(message)
 
     def _bury_dead(self) -> None:
         """Workers of this process table that have died without a word need not be waited for."""
@@ -114,6 +121,7 @@ class Ticker:
             log.warning("the lease of step %s has expired", step_id)
             self._reap(step_id)
         self._store.write(lambda session: dispatch.take_back_unclaimed(session, self._settings.resend_s))
+        self._store.write(fail_overdue_scans)
 
     def _reap(self, step_id: str) -> None:
         most = self._settings.max_attempts

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from nerfmodal.spec import IdentificationSpec, ReconstructionSpec
-from scanjobs import control
+from scanjobs import control, repository
+from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse, IllegalTransition
 from scanjobs.messages import EXTRACT, IDENTIFY, RENDER, TRAIN, Message
 from scanjobs.migrate import upgrade
@@ -18,7 +19,7 @@ from scanjobs.settings import Settings
 from scanjobs.states import StepState
 
 from services.worker.app import embedded_worker
-from tests.integration.toy_service import Service, is_alive, looking_at, toy_spec, worker_process
+from tests.integration.toy_service import Service, is_alive, looking_at, serving, toy_spec, worker_process
 
 
 def test_killed_runner_costs_one_attempt(service: Service, tmp_path: Path) -> None:
@@ -240,3 +241,51 @@ def test_same_specification_submitted_anew_is_computed(service: Service) -> None
     second = service.end_of(service.submit(toy_spec(frames=1, seed=8)))
     assert first.id != second.id
     assert all(step.token == 1 for step in service.steps(second.id))
+
+
+def test_rotten_checkpoint_is_trained_again_by_a_plain_retry(service: Service, tmp_path: Path) -> None:
+    """One file under all children: none of them can use it, and the retry heals it without being told where."""
+    scan = service.end_of(service.submit(toy_spec(seed=9, trouble=f"{IDENTIFY}:-1:invalid_until={tmp_path}/mended")))
+    (tmp_path / "mended").touch()
+    artifacts = ArtifactStore(service.settings.artifacts)
+    with service.store.read() as session:
+        clouds = repository.list_artifacts(session, scan, kind=EXTRACT)
+    rotten = artifacts.place(clouds[0].digest)
+    rotten.chmod(0o644)
+    rotten.write_text("rot")
+    service.store.write(lambda session: control.retry_scan(session, scan.id))
+    failed = service.end_of(scan.id)
+    assert failed.error is not None
+    assert failed.error["code"] == "ARTIFACT_DAMAGED"
+    service.store.write(lambda session: control.retry_scan(session, scan.id))
+    assert service.end_of(scan.id).state == "succeeded"
+    assert [step.kind for step in service.steps(scan.id) if step.token] == [EXTRACT, IDENTIFY]
+
+
+def test_deadline_ends_the_scan_and_what_it_computes(service: Service) -> None:
+    spec = toy_spec(trouble=f"{TRAIN}:-1:slow")
+    scan_id = service.store.write(lambda session: repository.insert_scan(session, spec, deadline_s=3.0)).scan.id
+    runner = service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
+    scan = service.end_of(scan_id, 10)
+    assert (scan.state, (scan.error or {})["code"]) == ("failed", "DEADLINE_PASSED")
+    service.wait(lambda: not is_alive(runner), 3)
+
+
+def test_step_that_takes_too_long_fails(settings: Settings) -> None:
+    short = settings.model_copy(update={"step_limit_s": 0.5, "max_attempts": 1})
+    with serving(short) as service:
+        scan = service.end_of(service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:slow")))
+        assert (scan.state, (scan.error or {})["code"]) == ("failed", "STEP_TOO_LONG")
+        assert service.violations() == ()
+
+
+def test_nothing_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) -> None:
+    full = settings.model_copy(update={"disk_low_mb": 10**9})
+    upgrade(full.database)
+    with looking_at(full) as service:
+        scan_id = service.submit(toy_spec(frames=1))
+        with serving(full):
+            time.sleep(1.0)
+            assert {step.token for step in service.steps(scan_id)} == {0}
+        with serving(settings):
+            assert service.end_of(scan_id).state == "succeeded"

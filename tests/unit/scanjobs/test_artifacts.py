@@ -58,10 +58,15 @@ def test_interrupted_copy_leaves_nothing(files: ArtifactStore, tmp_path: Path, m
     assert list((files.folder / artifacts.STAGING).iterdir()) == []
 
 
-@pytest.mark.parametrize("digest", ["", "../../etc/passwd", "A" * 64, "0" * 63, "0" * 64])
-def test_what_is_not_stored_is_not_found(files: ArtifactStore, digest: str) -> None:
+@pytest.mark.parametrize("digest", ["", "../../etc/passwd", "A" * 64, "0" * 63])
+def test_what_is_no_digest_is_not_found(files: ArtifactStore, digest: str) -> None:
     with pytest.raises(NotFound):
         files.path(digest)
+
+
+def test_missing_file_is_damage(files: ArtifactStore) -> None:
+    with pytest.raises(ArtifactDamaged, match="missing"):
+        files.path("0" * 64)
 
 
 def test_stored_file_cannot_be_written_to_through_its_link(files: ArtifactStore, tmp_path: Path) -> None:

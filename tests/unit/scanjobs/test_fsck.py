@@ -74,7 +74,7 @@ BREAKS: dict[str, tuple[Callable[[Session], None], str]] = {
     "ended scan": (_end_the_scan, "has ended, but"),
     "lost event": (_lose_the_last_event, "do not end in its state"),
     "broken chain": (_break_the_chain, "does not begin where"),
-    "ghost": (_refer_to_nothing, "is not stored"),
+    "ghost": (_refer_to_nothing, "is missing"),
 }
 
 

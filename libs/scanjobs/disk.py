@@ -1,0 +1,29 @@
+"""How full the disk is that a worker or the API writes to."""
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+from scanjobs.settings import Settings
+
+
+def is_low(settings: Settings) -> bool:
+    """Whether less than `disk_low_mb` is left for the data folder or the artifacts: nothing new is begun then."""
+    limit = settings.disk_low_mb * 10**6
+    return any(
+        shutil.disk_usage(_existing(folder)).free < limit for folder in (settings.data_folder, settings.artifacts)
+    )
+
+
+def is_full(error: OSError) -> bool:
+    """Whether an operation failed for want of room."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that is there."""
+    path = folder.resolve()
+    while not os.path.exists(path):
+        path = path.parent
+    return path
