@@ -82,21 +82,18 @@ def dispatch(session: Session, holder: str | None = None) -> tuple[Message, ...]
     return tuple(message for step_id in chosen if (message := _send(session, step_id, holder)) is not None)
 
 
-def take_back_unclaimed(session: Session, resend_s: float) -> int:
-    """Sent steps that nobody claimed in `resend_s` become ready again: their message is lost, or its worker."""
-    query = select(Step).where(Step.state == StepState.SENT, Step.sent_at < now_s() - resend_s).order_by(Step.id)
-    return sum(
-        move_step(session, step, StepState.READY, reason="unclaimed", values=UNHELD)
-        for step in session.scalars(query).all()
-    )
+def unclaimed_steps(session: Session, resend_s: float) -> tuple[str, ...]:
+    """Sent steps that nobody claimed in `resend_s`: their message is lost, or its worker."""
+    query = select(Step.id).where(Step.state == StepState.SENT, Step.sent_at < now_s() - resend_s)
+    return tuple(session.scalars(query.order_by(Step.id)))
 
 
 def take_back(session: Session, step_id: str) -> bool:
-    """A worker that got the message will not take the step: it is ready for another one at once."""
+    """Nobody will take the sent step: it is ready to be sent again."""
     step = session.get(Step, step_id, populate_existing=True)
     if step is None or step.state != StepState.SENT:
         return False
-    return move_step(session, step, StepState.READY, reason="declined", values=UNHELD)
+    return move_step(session, step, StepState.READY, reason="unclaimed", values=UNHELD)
 
 
 def is_sent(session: Session, step_id: str) -> bool:

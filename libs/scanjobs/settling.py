@@ -59,20 +59,21 @@ def fail_scan(session: Session, scan: Scan, error: Mapping[str, Any]) -> None:
     steps = live_steps(session, scan)
     close_attempts(session, [step for step in steps if step.state == StepState.RUNNING], "scan failed")
     move_steps(session, steps, StepState.CANCELED, reason="scan failed", values=_ended())
-    move_scan(
-        session, scan, ScanState.FAILED, reason=str(error["code"]), values={"finished_at": now_s(), "error": dict(error)}
-    )
+    values = {"finished_at": now_s(), "error": dict(error)}
+    move_scan(session, scan, ScanState.FAILED, reason=str(error["code"]), values=values)
 
 
-def fail_overdue_scans(session: Session) -> int:
-    """End the scans whose deadline has passed; how many."""
+def overdue_scans(session: Session) -> tuple[str, ...]:
+    """Scans whose deadline has passed."""
     query = select(Scan.id).where(Scan.deadline_at < now_s(), Scan.state.in_([s.value for s in WORKING_SCAN_STATES]))
-    overdue = session.scalars(query.order_by(Scan.id)).all()
-    for scan_id in overdue:
-        scan = hold_scan(session, scan_id)
-        if scan.state in WORKING_SCAN_STATES:
-            fail_scan(session, scan, DEADLINE_PASSED)
-    return len(overdue)
+    return tuple(session.scalars(query.order_by(Scan.id)))
+
+
+def miss_deadline(session: Session, scan_id: str) -> None:
+    """End a scan whose deadline has passed, unless it has ended meanwhile."""
+    scan = hold_scan(session, scan_id)
+    if scan.state in WORKING_SCAN_STATES:
+        fail_scan(session, scan, DEADLINE_PASSED)
 
 
 def close_attempts(session: Session, steps: Sequence[Step], outcome: str) -> None:

@@ -6,7 +6,9 @@ Every worker process has one; they need no leader, because each move they make i
 import logging
 import socket
 import threading
+import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +19,7 @@ from scanjobs.disk import is_low
 from scanjobs.messages import Message
 from scanjobs.queue import publish
 from scanjobs.settings import Settings
-from scanjobs.settling import fail_overdue_scans
+from scanjobs.settling import miss_deadline, overdue_scans
 from scanjobs.store import Store
 from scanjobs.workers import WorkerIdentity
 
@@ -82,26 +84,34 @@ class Ticker:
 
     def tick(self) -> None:
         """One tick; what cannot be done now is done by the next."""
-        if self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s)) != "active":
-            self._on_drain()
+        self._beat()
         self._bury_dead()
         self._take_back_lost()
-        if is_low(self._settings):
-            log.warning("the disk is nearly full: no step is begun")
-        else:
-            self._send_ready()
+        self._send_ready()
         self._on_tick()
 
     def _run(self) -> None:
+        due = 0.0
         while not self._ended.is_set():
             try:
-                self.tick()
+                if time.monotonic() >= due:
+                    self.tick()
+                    due = time.monotonic() + self._settings.tick_s
+                else:
+                    self._send_ready()
             except Exception:  # whatever it is, the worker must not fall silent: the next tick tries again
                 log.exception("a tick failed; next try in %s s", self._settings.tick_s)
-            self._wake.wait(self._settings.tick_s)
+            self._wake.wait(max(0.0, due - time.monotonic()) or self._settings.tick_s)
             self._wake.clear()
 
+    def _beat(self) -> None:
+        if self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s)) != "active":
+            self._on_drain()
+
     def _send_ready(self) -> None:
+        if is_low(self._settings):
+            log.warning("the disk is nearly full: no step is begun")
+            return
         for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
             self._ring(message)
 
@@ -116,16 +126,17 @@ class Ticker:
 
     def _take_back_lost(self) -> None:
         with self._store.read() as session:
-            overdue = leases.overdue_steps(session)
-        for step_id in overdue:
-            log.warning("the lease of step %s has expired", step_id)
-            self._reap(step_id)
-        self._store.write(lambda session: dispatch.take_back_unclaimed(session, self._settings.resend_s))
-        self._store.write(fail_overdue_scans)
-
-    def _reap(self, step_id: str) -> None:
+            expired = leases.overdue_steps(session)
+            unclaimed = dispatch.unclaimed_steps(session, self._settings.resend_s)
+            late = overdue_scans(session)
         most = self._settings.max_attempts
-        self._store.write(lambda session: leases.reap(session, step_id, most))
+        for step_id in expired:
+            log.warning("the lease of step %s has expired", step_id)
+            self._store.write(partial(leases.reap, step_id=step_id, max_attempts=most))
+        for step_id in unclaimed:
+            self._store.write(partial(dispatch.take_back, step_id=step_id))
+        for scan_id in late:
+            self._store.write(partial(miss_deadline, scan_id=scan_id))
 
     def _ring(self, message: Message) -> None:
         try:

@@ -84,14 +84,14 @@ def test_ready_steps_are_sent_once(flooded: Store) -> None:
     assert flooded.write(dispatch.dispatch) == ()
 
 
-def test_unclaimed_step_is_ready_again(flooded: Store) -> None:
+def test_only_steps_that_wait_too_long_are_unclaimed(flooded: Store) -> None:
     sent = flooded.write(dispatch.dispatch)
-    assert flooded.write(lambda session: dispatch.take_back_unclaimed(session, 30.0)) == 0
-    assert flooded.write(lambda session: dispatch.take_back_unclaimed(session, -1.0)) == len(sent)
-    assert len(flooded.write(dispatch.dispatch)) == len(sent)
+    with flooded.read() as session:
+        assert dispatch.unclaimed_steps(session, 30.0) == ()
+        assert len(dispatch.unclaimed_steps(session, -1.0)) == len(sent)
 
 
-def test_declined_step_is_ready_at_once(flooded: Store) -> None:
+def test_step_taken_back_is_ready_at_once(flooded: Store) -> None:
     message = flooded.write(dispatch.dispatch)[0]
     assert flooded.write(lambda session: dispatch.take_back(session, message.step_id))
     with flooded.read() as session:
