@@ -8,8 +8,9 @@ import hashlib
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -63,9 +64,19 @@ class ArtifactStore:
         """Whether the digest is stored, without reading it."""
         return self.place(digest).is_file()
 
-    def remove(self, digest: str) -> None:
-        """Forget an artifact that nothing refers to."""
-        self.place(digest).unlink(missing_ok=True)
+    def remove_older(self, digest: str, age_s: float) -> bool:
+        """Remove a file that was stored longer ago than `age_s`, unless it is stored again meanwhile."""
+        place, aside = self.place(digest), self.folder / STAGING / f"{digest}.garbage"
+        try:
+            os.replace(place, aside)
+        except FileNotFoundError:
+            return False
+        is_old = time.time() - aside.stat().st_mtime > age_s
+        if not is_old:
+            with suppress(FileExistsError):  # stored again while it lay aside
+                os.link(aside, place)
+        aside.unlink()
+        return is_old
 
     def digests(self) -> Iterator[str]:
         """Every digest stored, in no order."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 from nerfmodal.spec import ScanSpec
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
@@ -15,7 +15,7 @@ from scanjobs.planting import Inheritance, plant
 from scanjobs.repository import LOCAL_OWNER, get_scan, insert_scan
 from scanjobs.settling import hold_scan, live_steps, settle
 from scanjobs.states import ScanState, StepState
-from scanjobs.tables import Scan, Step
+from scanjobs.tables import ArtifactRef, Scan, Step
 from scanjobs.transitions import move_scan, move_steps
 
 
@@ -78,6 +78,18 @@ def fork_scan(session: Session, scan_id: str, spec: ScanSpec, *, owner: str = LO
     Changing only `identification` renders and trains nothing again. Raises `NotFound`.
     """
     return insert_scan(session, spec, owner=owner, fork_of=get_scan(session, scan_id, owner=owner)).scan
+
+
+def delete_scan(session: Session, scan_id: str, *, owner: str = LOCAL_OWNER) -> None:
+    """Forget a scan that has ended: its row stays as a tombstone, its files are garbage unless a fork has them too.
+
+    Raises `NotFound`, or `IllegalTransition` when it has not ended.
+    """
+    scan = hold_scan(session, scan_id, owner=owner)
+    move_scan(session, scan, ScanState.DELETING, reason="asked")
+    steps = select(Step.id).where(Step.scan_id == scan.id)
+    session.execute(delete(ArtifactRef).where(ArtifactRef.step_id.in_(steps)))
+    move_scan(session, scan, ScanState.DELETED)
 
 
 def _whole_plan(scan: Scan, from_kind: str | None) -> tuple[PlannedStep, ...]:

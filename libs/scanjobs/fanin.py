@@ -16,12 +16,13 @@ from scanjobs.messages import IDENTIFY, INSPECT
 from scanjobs.plan import StepKey, is_essential, later_steps
 from scanjobs.planting import plant
 from scanjobs.settling import fail_scan, live_steps
-from scanjobs.states import StepState
+from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
 from scanjobs.transitions import UNSYNCHRONISED, move_step
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
+FORGOTTEN: Final = (ScanState.DELETING.value, ScanState.DELETED.value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +127,7 @@ def _same_step(session: Session, scan: Scan, digest: str) -> Step | None:
         select(Step)
         .join(Scan, Scan.id == Step.scan_id)
         .where(Step.input_digest == digest, Step.state == StepState.SUCCEEDED)
-        .where(Scan.root_id == scan.root_id, Scan.owner == scan.owner)
+        .where(Scan.root_id == scan.root_id, Scan.owner == scan.owner, Scan.state.not_in(FORGOTTEN))
         .order_by(Step.id)
     )
     damaged = made_damaged(session, scan)
