@@ -14,4 +14,4 @@ def extract_frame(job: Job, report: Report) -> Produced:
     cloud = pipeline.extract(job.spec, checkpoint, frame, report=report)
     path = job.out / f"cloud_{job.frame:04d}.ply"
     io.write_cloud(path, cloud)
-    return Produced(files=(Made("cloud", path),), facts={"points": len(cloud.points)})
+    return Produced(files=(Made("cloud", path),), facts={"points": len(cloud.points), "outcome": cloud.outcome.name})

@@ -13,8 +13,10 @@ def train_frame(job: Job, report: Report) -> Produced:
     """`checkpoint_first.safetensors` for the whole scan, `checkpoint_0000.safetensors` for a frame."""
     name = "first" if job.frame == WHOLE_SCAN else f"{job.frame:04d}"
     path = job.out / f"checkpoint_{name}.safetensors"
-    io.write_checkpoint(path, _train(job, report))
-    return Produced(files=(Made("checkpoint", path),))
+    checkpoint = _train(job, report)
+    io.write_checkpoint(path, checkpoint)
+    facts = {"iterations": checkpoint.step, "psnr": checkpoint.psnr, "held_out_psnr": checkpoint.held_out_psnr}
+    return Produced(files=(Made("checkpoint", path),), facts=facts)
 
 
 def _train(job: Job, report: Report) -> Checkpoint:
