@@ -20,8 +20,8 @@ from nerfmodal.identify.lines import damped_columns, find_line
 from nerfmodal.identify.projection import Bounds, refine
 
 LOWEST_HZ = 0.35
-HIGHEST_SHARE = 0.45
-"""Of the frame rate: above it a line cannot be told from its alias."""
+HIGHEST_SHARE = 0.47
+"""Of the frame rate: the search ends a little above 0.45, so that a line there is seen, and flagged (`verdicts`)."""
 DAMPING_RANGE = (-0.05, 0.20)
 MOST_ROUNDS = 15
 """Re-estimates of the residual's covariance: after two the strongest line can still be ten deviations off."""
@@ -91,7 +91,7 @@ def fit_sinusoids(
     channels
         Scores in metres; linearly independent, fewer than a third of the frames (`useful_channels`).
     frame_rate
-        Nominal rate in Hz: lines are searched up to 0.45 of it.
+        Nominal rate in Hz: lines are searched up to 0.47 of it.
     max_modes
         At most this many lines.
     rng
