@@ -3,6 +3,7 @@
 The light of a frame does not depend on the view, so it is path-traced once a frame, onto the vertices ("baked": the
 sky's HDRI, its shadows and one bounce), and a view only looks at it: views cost little and share one light. The noise
 of the baked light keeps to its vertices and, with one Cycles seed for all frames, to its value: it is texture.
+The ground's light is baked once, under the plant at rest: its shadow on the ground stands still, that on itself moves.
 A scene is built once per process and mesh; a frame only moves the mesh's vertices, a view only the camera.
 Blender's camera looks along -z with +y up, as `types.Camera` does; its lens is set from the focal length in pixels.
 """
@@ -31,7 +32,7 @@ from nerfmodal.types import Camera, Frame, Mesh
 
 SENSOR_MM = 36.0
 SKY = "sunrise.exr"
-SKY_STRENGTH = 1.6
+SKY_STRENGTH = 1.4
 SKY_MAP = 2048
 """Resolution at which the sky's light is sampled: coarser, and the sun falls between the map's cells as sparks."""
 PLANT_PATHS, GROUND_PATHS = 12, 24
@@ -87,17 +88,10 @@ class _Surface:
     item: Any
     nodes: Any
 
-    def lit(self) -> None:
-        """Show the real material, which the light falls on."""
-        self._show("Principled BSDF", "BSDF")
-
-    def seen(self) -> None:
-        """Show the baked light times the tint."""
-        self._show("Emission", "Emission")
-
-    def _show(self, node: str, socket: str) -> None:
-        nodes = self.nodes
-        nodes.links.new(nodes.nodes[node].outputs[socket], nodes.nodes["Material Output"].inputs["Surface"])
+    def show(self, shader: str) -> None:
+        """Use the real material ("Principled BSDF") or the baked light times the tint ("Emission")."""
+        source = self.nodes.nodes[shader].outputs[0]
+        self.nodes.links.new(source, self.nodes.nodes["Material Output"].inputs["Surface"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,24 +112,28 @@ class _Stage:
 
     def bake(self, surface: _Surface, paths: int) -> None:
         """Path-trace the light on the surface's vertices."""
-        cycles, layer = self.bpy.context.scene.cycles, self.bpy.context.view_layer
-        cycles.samples, cycles.max_bounces = paths, 2
-        self.plant.lit()
-        self.ground.lit()
+        self._arrange(lit=True)
+        self.bpy.context.scene.cycles.samples = paths
         for item in (self.plant.item, self.ground.item):
             item.select_set(item is surface.item)
-        layer.objects.active = surface.item
-        # kept data would hold the materials of the last picture, which give no light back
-        self.bpy.context.scene.render.use_persistent_data = False
+        self.bpy.context.view_layer.objects.active = surface.item
         self.bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, target="VERTEX_COLORS")
-        self.bpy.context.scene.render.use_persistent_data = True
-        self.plant.seen()
-        self.ground.seen()
+        self._arrange(lit=False)
+
+    def _arrange(self, *, lit: bool) -> None:
+        """Set the scene for baking (`lit`) or for pictures, whose light is baked: no ray bounces, no sky is sampled."""
+        scene = self.bpy.context.scene
+        # kept data would still hold the materials of the last picture, which give no light back
+        scene.render.use_persistent_data = not lit
+        scene.world.cycles.sampling_method = "MANUAL" if lit else "NONE"
+        scene.cycles.max_bounces = 2 if lit else 0
+        for surface in (self.plant, self.ground):
+            surface.show("Principled BSDF" if lit else "Emission")
 
     def shoot(self, camera: Camera, samples: int, file: Path) -> None:
-        """Take one picture; all its light is baked, so that no ray bounces."""
+        """Take one picture."""
         scene = self.bpy.context.scene
-        scene.cycles.samples, scene.cycles.max_bounces = samples, 0
+        scene.cycles.samples = samples
         scene.render.resolution_x, scene.render.resolution_y = camera.width, camera.height
         lens = scene.camera.data
         lens.lens = camera.focal_x * SENSOR_MM / camera.width
@@ -194,7 +192,7 @@ def _set_render(scene: Any) -> None:
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
     cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
-    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 2, 2, 1
+    cycles.diffuse_bounces, cycles.glossy_bounces = 2, 1
     cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 1
     cycles.caustics_reflective, cycles.caustics_refractive = False, False
 
@@ -270,7 +268,7 @@ def _add_sky(bpy: Any) -> None:
     background = nodes.nodes["Background"]
     background.inputs["Strength"].default_value = SKY_STRENGTH
     nodes.links.new(picture.outputs["Color"], background.inputs["Color"])
-    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
+    world.cycles.sample_map_resolution = SKY_MAP
     bpy.context.scene.world = world
 
 

@@ -20,7 +20,7 @@ class StemForm:
     top_radius: float = 0.036
     curve: float = 0.09
     """How far the foot stands beside the top."""
-    rings: float = 0.085
+    rings: float = 0.11
     """Distance of the ring marks."""
     shaft: float = 0.30
     """Length of the green crownshaft at the top."""
@@ -55,7 +55,7 @@ def centerline(form: StemForm, s: Float[np.ndarray, " points"]) -> Float[np.ndar
 def _ring_marks(form: StemForm, s: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
     """1 on a ring mark, 0 between them and on the smooth crownshaft."""
     height = s * form.height
-    mark = np.exp(-((((height / form.rings + 0.5) % 1.0 - 0.5) / 0.13) ** 2))
+    mark = np.exp(-((((height / form.rings + 0.5) % 1.0 - 0.5) / 0.17) ** 2))
     return mark * (height < form.height - form.shaft)
 
 
@@ -75,7 +75,7 @@ def _bark(
     """Grey-brown with dark rings and lichen blotches; green on the crownshaft."""
     green = np.clip((s * form.height - form.height + form.shaft) / 0.02, 0, 1)[:, None]
     color = (1 - green) * BARK + green * SHAFT
-    color = color * (1 - 0.55 * _ring_marks(form, s)[:, None])
+    color = color * (1 - 0.65 * _ring_marks(form, s)[:, None])
     blotches = _blotches(vertices, random)[:, None]
     return np.clip(color * (1 + 0.45 * blotches * (1 - 0.6 * green)), 0, 1)
 
