@@ -2,9 +2,11 @@
 
 from alembic import context
 from scanjobs.settings import Settings
-from scanjobs.store import open_store
+from scanjobs.store import LOCK_SPACE, open_store
 from scanjobs.tables import Base
-from sqlalchemy import Connection
+from sqlalchemy import Connection, func, select
+
+MIGRATING = 2
 
 
 def run() -> None:
@@ -22,6 +24,9 @@ def migrate(connection: Connection) -> None:
     on_sqlite = connection.dialect.name == "sqlite"
     if on_sqlite:
         connection.connection.driver_connection.execute("PRAGMA foreign_keys=OFF")
+    else:  # let go of when this connection is closed; another process waits here
+        connection.execute(select(func.pg_advisory_lock(LOCK_SPACE, MIGRATING)))
+        connection.commit()
     context.configure(
         connection=connection,
         target_metadata=Base.metadata,

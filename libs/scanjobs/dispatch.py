@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 from scanjobs.clock import now_s
 from scanjobs.messages import Message
 from scanjobs.states import WORKING_SCAN_STATES, StepState
+from scanjobs.store import one_at_a_time
 from scanjobs.tables import Scan, Step
 from scanjobs.transitions import move_step
 from scanjobs.workers import active_workers
@@ -24,6 +25,8 @@ from scanjobs.workers import active_workers
 WINDOW: Final = 2
 """Messages waiting for each free slot."""
 
+DISPATCHING: Final = 1
+"""Names the lock: two dispatchers at once would each fill the whole window."""
 UNHELD: Final = MappingProxyType({"worker_id": None})
 
 
@@ -75,6 +78,7 @@ def dispatch(session: Session, holder: str | None = None) -> tuple[Message, ...]
 
     `holder` is the worker in whose memory the messages will lie, where the broker has no other place for them.
     """
+    one_at_a_time(session, DISPATCHING)
     room = _room(session)
     if not room.is_left():
         return ()

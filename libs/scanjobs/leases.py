@@ -55,6 +55,13 @@ class Failure:
     """Digest of an input that is not what it was; the step that made it is no longer kept by a retry."""
 
 
+WORKER_LOST: Final = Failure(
+    code="LEASE_EXPIRED",
+    message="the worker that computed this step was not heard of any more.",
+    hint="If it happens again, look at that machine's memory and log, then retry the scan.",
+)
+
+
 class Standing(StrEnum):
     """What a claim is worth now."""
 
@@ -177,9 +184,8 @@ def reap(session: Session, step_id: str, max_attempts: int) -> bool:
     overdue = select(Step.id).where(Step.id == step_id, Step.lease_until < now_s(), Step.state == StepState.RUNNING)
     if session.scalars(overdue).first() is None:
         return False
-    failure = Failure(code="LEASE_EXPIRED", message="the worker that computed this step was not heard of any more.")
-    _end_attempt(session, step, "lease expired", failure)
-    _after_failure(session, scan, step, failure, max_attempts)
+    _end_attempt(session, step, "lease expired", WORKER_LOST)
+    _after_failure(session, scan, step, WORKER_LOST, max_attempts)
     return True
 
 

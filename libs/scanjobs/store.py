@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
@@ -24,6 +24,8 @@ Work = Callable[[Session], T]
 FIRST_SQLITE_WITH_SOUND_WAL: Final = (3, 51, 3)
 BUSY_S: Final = 30.0
 TRIES: Final = 6
+LOCK_SPACE: Final = 0x6E6D
+"""First half of every advisory lock of this program on PostgreSQL."""
 READ_ONLY: Final = "scanjobs_read_only"
 TRANSIENT_SQLSTATES: Final = frozenset({"40001", "40P01", "55P03"})
 """PostgreSQL: serialization failure, deadlock, lock not available."""
@@ -74,6 +76,12 @@ def open_store(database_url: str) -> Store:
     if url.drivername == "postgresql":
         url = url.set(drivername="postgresql+psycopg")
     return Store(create_engine(url, pool_pre_ping=True, pool_size=8, max_overflow=24))
+
+
+def one_at_a_time(session: Session, number: int) -> None:
+    """Until this transaction ends no other one gets past the same number; SQLite has one writer anyway."""
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(select(func.pg_advisory_xact_lock(LOCK_SPACE, number)))
 
 
 def is_transient(error: DBAPIError) -> bool:

@@ -1,5 +1,7 @@
 """The tables and the races on a real PostgreSQL."""
 
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -36,6 +38,13 @@ def test_models_and_revisions_agree_up_down_and_up_again(database_url: str) -> N
     store = open_store(database_url)
     assert set(inspect(store.engine).get_table_names()) <= {"alembic_version"}
     store.close()
+
+
+def test_processes_that_start_together_migrate_one_after_the_other(database_url: str) -> None:
+    url = database_url
+    program = f"from scanjobs.migrate import upgrade; upgrade({url!r})"
+    processes = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
+    assert [process.wait(60) for process in processes] == [0, 0, 0, 0]
 
 
 def test_clock_is_in_seconds_since_1970(database_url: str) -> None:

@@ -1,5 +1,7 @@
 """The revisions make exactly the tables of the models, up, down and up again with rows in them."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,13 @@ def head_of(store: Store) -> str:
         head = MigrationContext.configure(connection).get_current_revision()
     assert head is not None
     return head
+
+
+def test_processes_that_start_together_migrate_one_after_the_other(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'test.db'}"
+    program = f"from scanjobs.migrate import upgrade; upgrade({url!r})"
+    processes = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
+    assert [process.wait(60) for process in processes] == [0, 0, 0, 0]
 
 
 def test_configuration_finds_its_scripts() -> None:
