@@ -18,6 +18,9 @@ ALIKE = 0.8
 AGREE_SHARE = 0.03
 """They may differ in frequency by this share, or by half a line's width (0.5 / record length)."""
 
+CLEAR = 3.0
+"""Amplitude over residual from which a line is no drift of the clouds' errors."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
@@ -170,7 +173,7 @@ def _judge(
     energy = _energy(evidence, shapes, coordinates)
     residuals = _residual_sizes(evidence, shapes)
     combination = combination_lines(fit.frequencies, fit.frequency_stds, amplitudes)
-    lag_one = fit.lag_one()
+    lag_one = fit.lag_one(amplitudes >= CLEAR * residuals)
     quality = []
     for mode in range(len(fit.frequencies)):
         reasons = reasons_of(

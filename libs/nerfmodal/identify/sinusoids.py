@@ -13,7 +13,7 @@ absent. It is never started from a Hann-windowed FFT, which erases the early dec
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy import linalg
 
 from nerfmodal.identify.lines import damped_columns, find_line
@@ -32,6 +32,8 @@ CLOSEST = 0.1
 NOTHING_LEFT = 1e-10
 """Share of the energy below which the residual is rounding, not noise."""
 CHANNEL_FLOOR = 1e-6
+FRAMES_PER_CHANNEL = 6
+FEWEST_CHANNELS = 4
 WHITENING_FLOOR = 1e-12
 
 
@@ -61,17 +63,28 @@ class SinusoidFit:
         """Standard deviations of the damping ratios."""
         return np.sqrt(np.diag(self.covariance)[len(self.frequencies) :])
 
-    def lag_one(self) -> float:
-        """Correlation of the whitened residual from frame to frame; above 0.2 the intervals are optimistic."""
-        white = self.residuals @ _whitener(self.noise)
+    def lag_one(self, kept: Bool[np.ndarray, " modes"]) -> float:
+        """Correlation from frame to frame of what the `kept` lines leave; above 0.2 the intervals are optimistic.
+
+        Weak lines must not be kept: where the clouds' errors drift, lines are found in them until nothing drifts.
+        """
+        lines = np.column_stack([self.frequencies, self.damping_ratios])
+        columns = damped_columns(self.times, lines[~kept])[:, 1:]
+        dropped = columns[:, ::2] @ self.amplitudes[~kept].real - columns[:, 1::2] @ self.amplitudes[~kept].imag
+        residuals = _solve_linear(self.times, self.residuals + dropped, lines[kept])[1]
+        white = residuals @ _whitener(_covariance(residuals, residuals, lines[kept]))
         return float((white[1:] * white[:-1]).sum() / max((white**2).sum(), 1e-300))
 
 
 def useful_channels(scores: Float[np.ndarray, "frames rank"]) -> int:
-    """How many leading scores a record of this length can carry: a third of its frames, none that is rounding."""
+    """How many leading scores a record of this length can carry: a sixth of its frames, none that is rounding.
+
+    More channels cancel more of the noise that they share, but their covariance is learnt from the same frames:
+    beyond a sixth the errors grow again, and the stated deviations do not follow.
+    """
     sizes = np.linalg.norm(scores, axis=0)
     alive = int(np.count_nonzero(sizes > CHANNEL_FLOOR * max(sizes.max(initial=0.0), 1e-300)))
-    return max(1, min(alive, (len(scores) - 9) // 3))
+    return max(1, min(alive, max(FEWEST_CHANNELS, (len(scores) - 9) // FRAMES_PER_CHANNEL)))
 
 
 def fit_sinusoids(
@@ -89,7 +102,7 @@ def fit_sinusoids(
     times
         Instants in seconds, increasing, any spacing.
     channels
-        Scores in metres; linearly independent, fewer than a third of the frames (`useful_channels`).
+        Scores in metres; linearly independent, at most a sixth of the frames (`useful_channels`).
     frame_rate
         Nominal rate in Hz: lines are searched up to 0.47 of it.
     max_modes
@@ -176,10 +189,14 @@ def _summarise(times: np.ndarray, channels: np.ndarray, lines: np.ndarray) -> Si
 
 
 def _parameter_covariance(times: np.ndarray, white: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Inverse of the Gauss-Newton normal matrix; widened because the noise covariance was itself estimated."""
+    """Inverse of the Gauss-Newton normal matrix, widened because the noise covariance was itself estimated.
+
+    Learnt from `freedom` frames in p channels, it looks too small by freedom / (freedom - p), and the estimates that
+    trust it are worse by the same factor.
+    """
     if not len(lines):
         return np.zeros((0, 0))
     _, normal = refine(times, white, lines, None)
     freedom = len(times) - 2 * len(lines) - 1
     widening = freedom / max(freedom - white.shape[1], 1)
-    return np.asarray(np.linalg.pinv(normal, hermitian=True) * widening)
+    return np.asarray(np.linalg.pinv(normal, hermitian=True) * widening**2)
