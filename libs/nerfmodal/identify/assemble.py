@@ -9,9 +9,8 @@ from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.metrics import mac_matrix, mpc, pair
 from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, unit_max
 from nerfmodal.identify.sinusoids import SinusoidFit
-from nerfmodal.identify.uncertainty import cramer_rao
 from nerfmodal.identify.verdicts import combination_lines, reasons_of, verdict_of
-from nerfmodal.types import DisplacementMatrix, ModalModel, ModeQuality, Opinion, Outcome, Reason, Verdict
+from nerfmodal.types import DisplacementMatrix, ModalModel, ModeQuality, Opinion, Outcome
 
 ALIKE = 0.8
 """MAC from which two methods are said to agree on a mode."""
@@ -45,8 +44,8 @@ def model_of_fit(evidence: Evidence, other: Opinion) -> ModalModel:
     coordinates = _coordinates(evidence, shapes)
     phases = np.array([mpc(shape) for shape in complex_shapes.T])
     amplitudes = np.abs(complex_shapes).max(axis=0)
-    agreement = _agreement(evidence, fit.frequencies, shapes, other)
-    return _model(
+    agreement = agreement_with(evidence, fit.frequencies, shapes, other)
+    return build_model(
         evidence,
         fit.frequencies,
         fit.frequency_stds,
@@ -58,44 +57,17 @@ def model_of_fit(evidence: Evidence, other: Opinion) -> ModalModel:
     )
 
 
-def model_of_opinion(opinion: Opinion, evidence: Evidence) -> ModalModel:
-    """The modes of complexity pursuit alone, as the paper has them, with the bound's deviations.
-
-    A source of which the damped-sinusoid fit knows nothing is doubtful.
-    """
-    order = np.argsort(opinion.frequencies, kind="stable")
-    frequencies, ratios = opinion.frequencies[order], np.nan_to_num(opinion.damping_ratios[order])
-    ratios = np.clip(ratios, -0.99, 0.99)
-    shapes = opinion.mode_shapes.reshape(-1, len(order))[:, order]
-    coordinates = opinion.coordinates[:, order]
-    bounds = [_bound(evidence, *mode) for mode in zip(coordinates.T, frequencies, ratios, strict=True)]
-    fitted, _ = unit_max(rotate_to_real(evidence.components @ evidence.fit.amplitudes.T))
-    alike = _paired_mac(frequencies, shapes, evidence.fit.frequencies, fitted, evidence.duration)
-    energy = _energy(evidence, shapes, coordinates)
-    quality = tuple(
-        ModeQuality(
-            energy_share=float(energy[mode]),
-            mpc=1.0,
-            mac_between_methods=alike[mode],
-            verdict=Verdict.ACCEPTED if alike[mode] is not None else Verdict.DOUBTFUL,
-            reasons=() if alike[mode] is not None else (Reason.METHODS_DISAGREE,),
-        )
-        for mode in range(len(order))
-    )
-    frequency_stds, damping_stds = np.array(bounds).reshape(-1, 2).T
-    return _model(evidence, frequencies, frequency_stds, ratios, damping_stds, shapes, coordinates, quality)
-
-
-def _model(
+def build_model(
     evidence: Evidence,
-    frequencies: np.ndarray,
-    frequency_stds: np.ndarray,
-    ratios: np.ndarray,
-    damping_stds: np.ndarray,
-    shapes: np.ndarray,
-    coordinates: np.ndarray,
+    frequencies: Float[np.ndarray, " modes"],
+    frequency_stds: Float[np.ndarray, " modes"],
+    ratios: Float[np.ndarray, " modes"],
+    damping_stds: Float[np.ndarray, " modes"],
+    shapes: Float[np.ndarray, "dofs modes"],
+    coordinates: Float[np.ndarray, "frames modes"],
     quality: tuple[ModeQuality, ...],
 ) -> ModalModel:
+    """The model of these modes; its outcome is NO_MOTION if there are none."""
     _, sensors, axes = evidence.displacement.values.shape
     return ModalModel(
         frequencies=frequencies,
@@ -128,7 +100,10 @@ def _predicted(evidence: Evidence, local: np.ndarray) -> np.ndarray:
     return np.asarray(columns[:, 1::2] * scale.real - columns[:, 2::2] * scale.imag)
 
 
-def _energy(evidence: Evidence, shapes: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+def energy_shares(
+    evidence: Evidence, shapes: Float[np.ndarray, "dofs modes"], coordinates: Float[np.ndarray, "frames modes"]
+) -> Float[np.ndarray, " modes"]:
+    """Each mode's share of the displacement's energy; shapes that are not orthogonal may sum to more than 1."""
     valid = evidence.displacement.valid
     total = (evidence.scores[valid] ** 2).sum()
     return np.asarray((coordinates[valid] ** 2).sum(axis=0) * (shapes**2).sum(axis=0) / max(total, 1e-300))
@@ -140,13 +115,23 @@ def _residual_sizes(evidence: Evidence, shapes: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.einsum("mc,cd,md->m", weights, evidence.fit.noise, weights)))
 
 
-def _agreement(evidence: Evidence, frequencies: np.ndarray, shapes: np.ndarray, other: Opinion) -> list[float | None]:
+def agreement_with(
+    evidence: Evidence,
+    frequencies: Float[np.ndarray, " modes"],
+    shapes: Float[np.ndarray, "dofs modes"],
+    other: Opinion,
+) -> list[float | None]:
+    """MAC with the mode that `other` has at the same frequency with a like shape; None without one."""
     theirs = other.mode_shapes.reshape(-1, len(other.frequencies))
-    return _paired_mac(frequencies, shapes, other.frequencies, theirs, evidence.duration)
+    return paired_mac(frequencies, shapes, other.frequencies, theirs, evidence.duration)
 
 
-def _paired_mac(
-    frequencies: np.ndarray, shapes: np.ndarray, others: np.ndarray, other_shapes: np.ndarray, duration: float
+def paired_mac(
+    frequencies: Float[np.ndarray, " modes"],
+    shapes: Float[np.ndarray, "dofs modes"],
+    others: Float[np.ndarray, " others"],
+    other_shapes: Float[np.ndarray, "dofs others"],
+    duration: float,
 ) -> list[float | None]:
     """MAC with the mode of the other method that is at the same frequency and alike; None without one."""
     likeness = mac_matrix(shapes, other_shapes)
@@ -170,7 +155,7 @@ def _judge(
     agreement: list[float | None],
 ) -> tuple[ModeQuality, ...]:
     fit = evidence.fit
-    energy = _energy(evidence, shapes, coordinates)
+    energy = energy_shares(evidence, shapes, coordinates)
     residuals = _residual_sizes(evidence, shapes)
     combination = combination_lines(fit.frequencies, fit.frequency_stds, amplitudes)
     lag_one = fit.lag_one(amplitudes >= CLEAR * residuals)
@@ -200,11 +185,3 @@ def _judge(
             )
         )
     return tuple(quality)
-
-
-def _bound(evidence: Evidence, series: np.ndarray, frequency: float, ratio: float) -> tuple[float, float]:
-    """The Cramér-Rao bound with the amplitude and the noise that the source itself shows."""
-    columns = damped_columns(evidence.displacement.times, np.array([[frequency, ratio]]))
-    solution = np.linalg.lstsq(columns, series, rcond=None)[0]
-    noise = float(np.std(series - columns @ solution)) + 1e-300
-    return cramer_rao(evidence.displacement.times, frequency, ratio, float(np.hypot(*solution[1:])) / noise + 1e-12)

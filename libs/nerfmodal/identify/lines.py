@@ -11,6 +11,8 @@ GRID_DAMPING = (0.0, 0.02, 0.05, 0.10)
 SHUFFLES = 600
 """With alpha = 0.002 a line is kept only if it beats every shuffle."""
 BATCH = 40
+OBVIOUS = 2.0
+"""Times the best of the first batch of shuffles: such a line needs no more of them."""
 SEEN_ALREADY = 1e-3
 """A candidate of which less than this share is new to the model is one of its lines again."""
 
@@ -63,8 +65,11 @@ def find_line(
     while left > 0:
         count = min(BATCH, left)
         shuffled = np.stack([white[rng.permutation(len(white))] for _ in range(count)]) * freedom
-        if _likelihood_ratios(directions, shuffled).max() >= observed[best]:
+        strongest = float(_likelihood_ratios(directions, shuffled).max())
+        if strongest >= observed[best]:
             return None
+        if OBVIOUS * strongest <= observed[best]:
+            break
         left -= count
     return np.asarray(lines[best])
 

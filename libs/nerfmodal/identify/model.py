@@ -12,12 +12,15 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from nerfmodal.identify.assemble import Evidence, model_of_fit, model_of_opinion
+from nerfmodal.identify.assemble import Evidence, model_of_fit
+from nerfmodal.identify.excitation import recognise
 from nerfmodal.identify.opinions import pursue
 from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
+from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
 from nerfmodal.identify.sinusoids import fit_sinusoids, useful_channels
+from nerfmodal.identify.subspace import identify_subspace
 from nerfmodal.spec import IdentificationSpec, OrganSpec
-from nerfmodal.types import DisplacementMatrix, ModalModel, OrganResult, Outcome, PointCloud, Reduction
+from nerfmodal.types import DisplacementMatrix, ModalModel, Opinion, OrganResult, Outcome, PointCloud, Reduction
 
 FEWEST_FRAMES = 16
 PAPERS_COMPONENTS = 3
@@ -122,18 +125,26 @@ def identify(
     evidence = Evidence(
         displacement=displacement, components=full.components[:, :channels], scores=full.scores, fit=fit
     )
-    if settings.method == "complexity_pursuit":
-        model = model_of_opinion(pursued, evidence)
-    else:
-        model = model_of_fit(evidence, pursued)
+    subspace = identify_subspace(displacement, reduction, max_modes=settings.max_modes)
     return OrganResult(
         organ=displacement.sensors.organ,
         surface=surface,
         displacement=displacement,
         reduction=reduction,
-        model=model,
-        opinions=(pursued,),
+        model=_choose(settings, evidence, pursued, subspace),
+        opinions=(pursued, subspace),
     )
+
+
+def _choose(settings: IdentificationSpec, evidence: Evidence, pursued: Opinion, subspace: Opinion) -> ModalModel:
+    """The estimator that suits the settings and the record; the others are heard as opinions."""
+    if settings.method == "complexity_pursuit":
+        return model_of_pursuit(pursued, evidence)
+    fitted = model_of_fit(evidence, pursued)
+    kind = settings.excitation
+    if kind == "auto":
+        kind = recognise(evidence.displacement.times, fitted.coordinates, fitted.frequencies, fitted.damping_ratios)
+    return model_of_subspace(subspace, evidence, pursued) if kind == "ambient" else fitted
 
 
 def identify_scan(

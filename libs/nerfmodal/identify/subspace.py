@@ -1,0 +1,168 @@
+"""Covariance-driven stochastic subspace identification: the estimator for ambient (wind) records.
+
+The covariances R_1 … R_2i of the scores fill a block Toeplitz matrix; its factors hold the state matrix, whose
+eigenvalues are the poles. Poles that stay as the order grows (frequency within 2 %, damping within 50 %, MAC above
+0.95) are modes, the others are noise. Source: Van Overschee and De Moor (1996); Peeters and De Roeck (1999).
+Uncertainty: Au (2014), long-data laws.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from nerfmodal.identify.metrics import mac, mpc
+from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, unit_max
+from nerfmodal.identify.spectra import resample_evenly
+from nerfmodal.identify.whittle import refine_resonance
+from nerfmodal.types import DisplacementMatrix, Opinion, Reduction
+
+LOWEST_HZ = 0.35
+FEWEST_LAGS, MOST_LAGS = 8, 20
+SHARE_OF_LAGS = 0.2
+"""Block rows, as a share of the samples."""
+SAME_FREQUENCY = 0.02
+SAME_DAMPING = 0.5
+SAME_SHAPE = 0.95
+SPLIT_FREQUENCY, SPLIT_SHAPE = 0.05, 0.8
+"""High orders split a mode into two poles this near to each other: the smaller group is none."""
+HIGHEST_DAMPING = 0.2
+LOWEST_MPC = 0.5
+FEWEST_ORDERS = 0.35
+"""Share of the orders in which a pole must be stable to be a mode."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pole:
+    """One pole at one order: undamped frequency in Hz, damping ratio, and its shape over the channels."""
+
+    order: int
+    frequency: float
+    damping_ratio: float
+    shape: Complex[np.ndarray, " channels"]
+    stable: bool = False
+
+
+def stabilise(series: Float[np.ndarray, "samples channels"], frame_rate: float, *, max_modes: int) -> tuple[Pole, ...]:
+    """The stabilisation diagram: poles of even orders up to 4 × `max_modes`, marked if the order before has them."""
+    blocks = int(np.clip(SHARE_OF_LAGS * len(series), FEWEST_LAGS, MOST_LAGS))
+    blocks = max(2, min(blocks, len(series) // 4))
+    channels = series.shape[1]
+    left, singular, _ = np.linalg.svd(_toeplitz(series - series.mean(axis=0), blocks), full_matrices=False)
+    poles: list[Pole] = []
+    before: list[Pole] = []
+    for order in range(2, min(4 * max_modes, len(singular), (blocks - 1) * channels) + 1, 2):
+        observability = left[:, :order] * np.sqrt(singular[:order])
+        found = _poles(observability, channels, order, frame_rate)
+        before = [_mark(pole, before) for pole in found]
+        poles += before
+    return tuple(poles)
+
+
+def cluster(poles: tuple[Pole, ...]) -> list[list[Pole]]:
+    """Stable poles that are one mode, those of the strongest first; a mode is stable in a good part of the orders."""
+    left = [pole for pole in poles if pole.stable]
+    orders = len({pole.order for pole in poles})
+    clusters = []
+    while left:
+        groups = [[other for other in left if _alike(pole, other)] for pole in left]
+        largest = max(groups, key=len)
+        if len(largest) < max(2, FEWEST_ORDERS * orders):
+            break
+        clusters.append(largest)
+        middle = _middle(largest)
+        left = [pole for pole in left if not _near(pole, middle, SPLIT_FREQUENCY, SPLIT_SHAPE)]
+    return sorted(clusters, key=lambda group: float(np.median([pole.frequency for pole in group])))
+
+
+def identify_subspace(displacement: DisplacementMatrix, reduction: Reduction, *, max_modes: int) -> Opinion:
+    """Modes by stochastic subspace identification of the leading scores, sorted by frequency."""
+    even = resample_evenly(displacement.times, reduction.scores, displacement.frame_rate)
+    groups = cluster(stabilise(even, displacement.frame_rate, max_modes=max_modes))[:max_modes]
+    local = np.array([_middle(group).shape for group in groups]).reshape(len(groups), even.shape[1]).T
+    shapes, _ = unit_max(rotate_to_real(reduction.components @ local))
+    coordinates = coordinates_of(even, reduction.components.T @ shapes) if groups else np.zeros((len(even), 0))
+    grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
+    at_frames = [np.interp(displacement.times, grid, series) for series in coordinates.T]
+    lines = _refined(groups, coordinates, displacement.frame_rate)
+    return Opinion(
+        method="subspace",
+        frequencies=lines[:, 0],
+        damping_ratios=lines[:, 1],
+        mode_shapes=shapes.reshape(displacement.values.shape[1], displacement.values.shape[2], len(groups)),
+        coordinates=np.array(at_frames).reshape(len(groups), len(displacement.times)).T,
+    )
+
+
+def ambient_deviations(frequency: float, damping_ratio: float, duration: float) -> tuple[float, float]:
+    """Standard deviations (Hz, ratio) that a record of ambient vibration of this length (s) cannot beat.
+
+    Au's laws for long records: (sd f / f)² = ζ / (2π N) and (sd ζ / ζ)² = 1 / (2π ζ N) with N periods in the record.
+    """
+    ratio, periods = max(damping_ratio, 1e-4), max(frequency * duration, 1e-9)
+    frequency_sd = frequency * np.sqrt(ratio / (2 * np.pi * periods))
+    return float(frequency_sd), float(ratio / np.sqrt(2 * np.pi * ratio * periods))
+
+
+def _refined(groups: list[list[Pole]], coordinates: np.ndarray, frame_rate: float) -> np.ndarray:
+    """(frequency, damping ratio) of every mode: the group's median, then the most likely resonance near it."""
+    rough = [
+        (
+            float(np.median([pole.frequency for pole in group])),
+            float(np.median([pole.damping_ratio for pole in group])),
+        )
+        for group in groups
+    ]
+    neighbours = [frequency for frequency, _ in rough]
+    fine = [
+        refine_resonance(series, frame_rate, start, neighbours)
+        for series, start in zip(coordinates.T, rough, strict=True)
+    ]
+    return np.array(fine).reshape(len(groups), 2)
+
+
+def _toeplitz(series: np.ndarray, blocks: int) -> np.ndarray:
+    """Blocks R_(i+row-column), R_k the covariance at lag k."""
+    lags = [series[lag:].T @ series[: len(series) - lag] / (len(series) - lag) for lag in range(2 * blocks)]
+    return np.block([[lags[blocks + row - column] for column in range(1, blocks + 1)] for row in range(blocks)])
+
+
+def _poles(observability: np.ndarray, channels: int, order: int, frame_rate: float) -> list[Pole]:
+    state = np.linalg.lstsq(observability[:-channels], observability[channels:], rcond=None)[0]
+    values, vectors = np.linalg.eig(state)
+    shapes = observability[:channels] @ vectors
+    found = []
+    for value, shape in zip(values, shapes.T, strict=True):
+        if value.imag <= 0 or abs(value) < 1e-6:
+            continue
+        rate = np.log(value) * frame_rate
+        frequency, ratio = abs(rate) / (2 * np.pi), -rate.real / abs(rate)
+        if frequency >= LOWEST_HZ and 0 < ratio <= HIGHEST_DAMPING and mpc(shape) >= LOWEST_MPC:
+            found.append(Pole(order=order, frequency=float(frequency), damping_ratio=float(ratio), shape=shape))
+    return found
+
+
+def _mark(pole: Pole, before: list[Pole]) -> Pole:
+    stable = any(_alike(pole, other) for other in before)
+    return Pole(
+        order=pole.order,
+        frequency=pole.frequency,
+        damping_ratio=pole.damping_ratio,
+        shape=pole.shape,
+        stable=stable,
+    )
+
+
+def _alike(first: Pole, second: Pole) -> bool:
+    same_damping = abs(first.damping_ratio - second.damping_ratio) <= max(SAME_DAMPING * first.damping_ratio, 0.002)
+    return same_damping and _near(first, second, SAME_FREQUENCY, SAME_SHAPE)
+
+
+def _near(first: Pole, second: Pole, share: float, likeness: float) -> bool:
+    within = abs(first.frequency - second.frequency) <= share * first.frequency
+    return within and mac(first.shape, second.shape) >= likeness
+
+
+def _middle(group: list[Pole]) -> Pole:
+    """The pole of median frequency."""
+    return sorted(group, key=lambda pole: pole.frequency)[len(group) // 2]

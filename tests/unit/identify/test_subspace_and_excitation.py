@@ -1,0 +1,91 @@
+"""Ambient records through the subspace method, and the kind of excitation recognised from what was found."""
+
+import numpy as np
+import pytest
+from nerfmodal.identify import identify
+from nerfmodal.identify.excitation import excitation_of, recognise
+from nerfmodal.identify.metrics import mac
+from nerfmodal.identify.subspace import ambient_deviations, stabilise
+from nerfmodal.identify.whittle import refine_resonance
+from nerfmodal.spec import IdentificationSpec
+from nerfmodal.types import Reason, Verdict
+
+from tests.fixtures.ambient import FREQUENCIES, ambient_record, displacement_of
+
+TIMES = np.arange(90) / 30.0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_minute_of_wind_holds_all_modes(seed: int) -> None:
+    displacement, shapes = ambient_record(60.0, 0.02, seed)
+    result = identify(displacement, IdentificationSpec(), seed=0)
+    model = result.model
+    accepted = [index for index, quality in enumerate(model.quality) if quality.verdict is Verdict.ACCEPTED]
+    assert len(accepted) == 3
+    for index, frequency, shape in zip(accepted, FREQUENCIES, shapes, strict=True):
+        frequency_sd, damping_sd = ambient_deviations(frequency, 0.02, 60.0)
+        assert model.frequencies[index] == pytest.approx(frequency, abs=4 * frequency_sd)
+        assert model.damping_ratios[index] == pytest.approx(0.02, abs=4 * damping_sd)
+        assert mac(model.mode_shapes[:, 0, index], shape) > 0.99
+    assert excitation_of([result], "auto") == "ambient"
+    assert {opinion.method for opinion in result.opinions} == {"complexity_pursuit", "subspace"}
+
+
+def test_three_seconds_of_wind_are_never_accepted_as_ambient() -> None:
+    displacement, _ = ambient_record(3.0, 0.02, 0)
+    model = identify(displacement, IdentificationSpec(excitation="ambient"), seed=0).model
+    doubts = [quality for quality in model.quality if Reason.RECORD_TOO_SHORT in quality.reasons]
+    assert len(doubts) == len(model.quality)
+    assert all(quality.verdict is Verdict.DOUBTFUL for quality in doubts)
+
+
+def test_a_noiseless_decay_has_stable_poles_at_its_own() -> None:
+    omega = 2 * np.pi * 3.3
+    times = np.arange(300) / 30.0
+    series = np.exp(-0.02 * omega * times)[:, None] * np.column_stack(
+        [np.cos(omega * np.sqrt(1 - 0.02**2) * times), 0.5 * np.cos(omega * np.sqrt(1 - 0.02**2) * times)]
+    )
+    noisy = series + 1e-6 * np.random.default_rng(0).normal(size=series.shape)
+    stable = [pole for pole in stabilise(noisy, 30.0, max_modes=2) if pole.order == 2]
+    assert stable[0].frequency == pytest.approx(3.3, rel=0.01)
+
+
+def test_the_deviations_of_ambient_records_fall_with_the_root_of_time() -> None:
+    minute, hour = ambient_deviations(2.0, 0.02, 60.0), ambient_deviations(2.0, 0.02, 3600.0)
+    np.testing.assert_allclose(np.array(minute) / np.array(hour), np.sqrt(60.0))
+    assert 1e3 * minute[0] == pytest.approx(10.3, rel=0.05)
+
+
+def test_the_resonance_in_a_spectrum_of_known_shape() -> None:
+    """An impulse response's periodogram is the squared transfer function itself, without any scatter."""
+    omega, damping = 2 * np.pi * 3.3, 0.03
+    times = np.arange(3000) / 30.0
+    impulse = np.exp(-damping * omega * times) * np.sin(omega * np.sqrt(1 - damping**2) * times)
+    frequency, ratio = refine_resonance(impulse, 30.0, (3.2, 0.05), [3.2])
+    assert frequency == pytest.approx(3.3, rel=0.002)
+    assert ratio == pytest.approx(damping, rel=0.05)
+
+
+def test_a_short_record_keeps_the_start() -> None:
+    assert refine_resonance(np.random.default_rng(0).normal(size=40), 30.0, (3.2, 0.05), [3.2]) == (3.2, 0.05)
+
+
+def coordinate(damping: float) -> np.ndarray:
+    omega = 2 * np.pi * 3.0
+    return (np.exp(-damping * omega * TIMES) * np.cos(omega * TIMES))[:, None]
+
+
+@pytest.mark.parametrize(("damping", "kind"), [(0.01, "free_decay"), (0.0, "harmonic")])
+def test_sums_of_sinusoids_are_told_by_their_fall(damping: float, kind: str) -> None:
+    assert recognise(TIMES, coordinate(damping), np.array([3.0]), np.array([damping])) == kind
+
+
+def test_what_no_sinusoid_explains_is_ambient() -> None:
+    noise = np.random.default_rng(0).normal(size=(90, 1))
+    assert recognise(TIMES, noise, np.array([3.0]), np.array([0.01])) == "ambient"
+
+
+def test_a_given_excitation_is_said_and_nothing_is_called_a_free_decay() -> None:
+    still = identify(displacement_of(np.zeros((90, 5))), IdentificationSpec(), seed=0)
+    assert excitation_of([still], "harmonic") == "harmonic"
+    assert excitation_of([still], "auto") == "free_decay"
