@@ -3,6 +3,8 @@
 A line is (frequency f in Hz, damping ratio ζ); ω = 2πf, ω_d = ω √(1 - ζ²). Time counts from the first frame.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
@@ -15,6 +17,26 @@ OBVIOUS = 2.0
 """Times the best of the first batch of shuffles: such a line needs no more of them."""
 SEEN_ALREADY = 1e-3
 """A candidate of which less than this share is new to the model is one of its lines again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """Candidate lines (frequency Hz, damping ratio) with their unit cosine and sine at the frames' instants."""
+
+    lines: Float[np.ndarray, "candidates 2"]
+    columns: Float[np.ndarray, "candidates 2 frames"]
+
+
+def candidate_grid(times: Float[np.ndarray, " frames"], low: float, high: float) -> Grid:
+    """Lines every 0.08 Hz from `low` to `high`, each with four damping ratios."""
+    frequencies = np.arange(low, high + 1e-9, GRID_HZ)
+    lines = np.array([(frequency, ratio) for frequency in frequencies for ratio in GRID_DAMPING]).reshape(-1, 2)
+    elapsed = times - times[0]
+    omega = 2 * np.pi * lines[:, :1]
+    envelope = np.exp(-lines[:, 1:] * omega * elapsed)
+    angle = omega * np.sqrt(1 - lines[:, 1:] ** 2) * elapsed
+    columns = np.stack([envelope * np.cos(angle), envelope * np.sin(angle)], axis=1)
+    return Grid(lines=lines, columns=columns / np.linalg.norm(columns, axis=2, keepdims=True))
 
 
 def damped_columns(
@@ -44,7 +66,7 @@ def find_line(
     residuals: Float[np.ndarray, "frames channels"],
     known: Float[np.ndarray, "modes 2"],
     *,
-    band: tuple[float, float],
+    grid: Grid,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " 2"] | None:
     """The line that explains most of the residual, or None if shuffled frames hold one as strong.
@@ -53,7 +75,7 @@ def find_line(
     a candidate. Shuffling the frames keeps the channels' covariance and destroys every line.
     """
     model, _ = np.linalg.qr(damped_columns(times, known))
-    lines, directions = _candidates(times, model, band)
+    lines, directions = _new_directions(grid, model)
     if not len(lines):
         return None
     white = _whitened(residuals)
@@ -95,24 +117,16 @@ def _by_damping(elapsed: np.ndarray, frequency: float, ratio: float) -> np.ndarr
     return np.stack([turn * (-cosine + slope * sine), turn * (-sine - slope * cosine)], axis=1)
 
 
-def _candidates(times: np.ndarray, model: np.ndarray, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def _new_directions(grid: Grid, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Grid lines and the orthonormal pair (candidates, 2, frames) that each adds to the model."""
-    frequencies = np.arange(band[0], band[1] + 1e-9, GRID_HZ)
-    grid = np.array([(frequency, ratio) for frequency in frequencies for ratio in GRID_DAMPING]).reshape(-1, 2)
-    elapsed = times - times[0]
-    omega = 2 * np.pi * grid[:, :1]
-    envelope = np.exp(-grid[:, 1:] * omega * elapsed)
-    angle = omega * np.sqrt(1 - grid[:, 1:] ** 2) * elapsed
-    columns = np.stack([envelope * np.cos(angle), envelope * np.sin(angle)], axis=1)
-    columns /= np.linalg.norm(columns, axis=2, keepdims=True)
-    columns = columns - (columns @ model) @ model.T
+    columns = grid.columns - (grid.columns @ model) @ model.T
     first_size = np.linalg.norm(columns[:, 0], axis=1)
     first = columns[:, 0] / np.maximum(first_size, 1e-300)[:, None]
     second = columns[:, 1] - (columns[:, 1] * first).sum(axis=1)[:, None] * first
     second_size = np.linalg.norm(second, axis=1)
     new = (first_size > SEEN_ALREADY) & (second_size > SEEN_ALREADY)
     second = second / np.maximum(second_size, 1e-300)[:, None]
-    return grid[new], np.stack([first[new], second[new]], axis=1)
+    return grid.lines[new], np.stack([first[new], second[new]], axis=1).astype(np.float32)
 
 
 def _whitened(residuals: np.ndarray) -> np.ndarray:
@@ -124,7 +138,7 @@ def _likelihood_ratios(directions: np.ndarray, white: np.ndarray) -> np.ndarray:
     """-log det(I - H Hᵀ) of every candidate (rows) in every (shuffled) record of `white` (columns)."""
     records, frames, channels = white.shape
     flat = white.transpose(1, 0, 2).reshape(frames, records * channels).astype(np.float32)
-    shares = (directions.reshape(-1, frames).astype(np.float32) @ flat).reshape(-1, 2, records, channels)
+    shares = (directions.reshape(-1, frames) @ flat).reshape(-1, 2, records, channels)
     first, second = shares[:, 0], shares[:, 1]
     cross = np.einsum("qrc,qrc->qr", first, second)
     determinant = (1 - np.einsum("qrc,qrc->qr", first, first)) * (1 - np.einsum("qrc,qrc->qr", second, second))

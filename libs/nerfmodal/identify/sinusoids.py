@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy import linalg
 
-from nerfmodal.identify.lines import damped_columns, find_line
+from nerfmodal.identify.lines import candidate_grid, damped_columns, find_line
 from nerfmodal.identify.projection import Bounds, refine
 
 LOWEST_HZ = 0.35
@@ -110,14 +110,14 @@ def fit_sinusoids(
     rng
         Draws the shuffles.
     """
-    band = (max(1.0 / (times[-1] - times[0]), LOWEST_HZ), HIGHEST_SHARE * frame_rate)
+    grid = candidate_grid(times, max(1.0 / (times[-1] - times[0]), LOWEST_HZ), HIGHEST_SHARE * frame_rate)
     lines = np.zeros((0, 2))
     total = ((channels - channels.mean(axis=0)) ** 2).sum()
     while len(lines) < max_modes:
         residuals = _solve_linear(times, channels, lines)[1]
         if (residuals**2).sum() <= NOTHING_LEFT * total:
             break
-        line = find_line(times, residuals, lines, band=band, rng=rng)
+        line = find_line(times, residuals, lines, grid=grid, rng=rng)
         if line is None:
             break
         grown = fit_lines(times, channels, np.vstack([lines, line]), frame_rate=frame_rate)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nerfmodal.identify.lines import column_derivatives, damped_columns, find_line
+from nerfmodal.identify.lines import candidate_grid, column_derivatives, damped_columns, find_line
 from nerfmodal.identify.metrics import mac
 from nerfmodal.identify.shapes import rotate_to_real
 from nerfmodal.identify.sinusoids import SinusoidFit, fit_lines, fit_sinusoids, useful_channels
@@ -87,7 +87,7 @@ def test_the_search_finds_the_line_that_the_model_lacks() -> None:
     known = LINES[:2]
     columns = damped_columns(TIMES, known)
     residual = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
-    line = find_line(TIMES, residual, known, band=(0.35, 13.5), rng=np.random.default_rng(0))
+    line = find_line(TIMES, residual, known, grid=candidate_grid(TIMES, 0.35, 13.5), rng=np.random.default_rng(0))
     assert line is not None
     assert line[0] == pytest.approx(9.61, abs=0.1)
 
