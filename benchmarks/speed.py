@@ -1,0 +1,78 @@
+"""Time: each number is a ratio within one run, so that the machine does not matter."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from nerfmodal.identify import Factors, identify
+from nerfmodal.identify.reduction import reduce_coefficients
+from nerfmodal.spec import IdentificationSpec
+from nerfmodal.surface.basis import PolynomialBasis
+from nerfmodal.surface.robust import fit_robustly
+
+from benchmarks.rows import Row
+from tests.fixtures.ambient import ambient_record, displacement_of
+
+BASIS = PolynomialBasis(degree=5, center=np.zeros(2), half=np.ones(2))
+
+
+def speed_rows(_seeds: int) -> Iterator[Row]:
+    """Robust fit, growth with the record's length, many sensors against pyOMA_2."""
+    yield _robust_fit()
+    short, long = (_seconds(lambda duration=duration: _identify_wind(duration), 1) for duration in (34.0, 334.0))
+    yield Row(what="time from 1,000 to 10,000 frames", value=long / short, unit="x", floor=12, aim=10)
+    yield from _against_pyoma()
+
+
+def _robust_fit() -> Row:
+    rng = np.random.default_rng(0)
+    design = BASIS.evaluate(rng.uniform(-1, 1, size=(100_000, 2)))
+    heights = design @ (0.05 * rng.normal(size=21)) + 0.005 * rng.normal(size=100_000)
+    heights[:5000] += rng.uniform(0.05, 0.3, 5000)
+    once = _seconds(lambda: design.T @ design, 9)
+    ratio = _seconds(lambda: fit_robustly(design, heights), 9) / once
+    return Row(what="robust fit of 100,000 points over one normal matrix", value=ratio, unit="x", floor=8, aim=5)
+
+
+def _identify_wind(duration: float) -> None:
+    displacement, _ = ambient_record(duration, 0.02, 0)
+    identify(displacement, IdentificationSpec(), seed=0)
+
+
+def _against_pyoma() -> Iterator[Row]:
+    try:
+        from pyoma2.algorithms import SSI
+        from pyoma2.setup import SingleSetup
+    except ImportError:
+        print("the comparison with pyOMA_2 is left out: pip install pyOMA_2", file=sys.stderr)
+        return
+    rng = np.random.default_rng(0)
+    times = np.arange(90) / 30.0
+    shapes = 0.1 * rng.normal(size=(3, 21))
+    q = np.stack([np.exp(-0.06 * f * times) * np.cos(2 * np.pi * f * times) for f in (2.17, 4.83, 9.61)], axis=1)
+    coefficients = 0.03 * q @ shapes + 1e-4 * rng.normal(size=(90, 21))
+    coefficients -= coefficients.mean(axis=0)
+    basis = BASIS.evaluate(rng.uniform(-1, 1, size=(99_990, 2)))
+    displacement = displacement_of(coefficients @ basis.T)
+    factors = Factors(coefficients=coefficients, basis=basis)
+    ours = _seconds(lambda: identify(displacement, IdentificationSpec(), seed=0, factors=factors), 3)
+    scores = reduce_coefficients(coefficients, basis).scores
+
+    def theirs() -> None:
+        setup = SingleSetup(scores, fs=30.0)
+        algorithm = SSI(name="ssi", method="cov", br=15, ordmax=30)
+        setup.add_algorithms(algorithm)
+        setup.run_by_name("ssi")
+
+    ratio = ours / _seconds(theirs, 3)
+    yield Row(what="99,990 sensors x 90 frames over pyOMA_2's SSI-cov", value=ratio, unit="x", floor=1.0, aim=0.3)
+
+
+def _seconds(work: Callable[[], object], times: int) -> float:
+    taken = []
+    for _ in range(times):
+        start = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - start)
+    return min(taken)
