@@ -1,0 +1,5 @@
+"""Point clouds out of trained fields."""
+
+from nerfmodal.cloud.extract import extract
+
+__all__ = ["extract"]

@@ -1,0 +1,68 @@
+"""First guess of what lies beyond the region: the ground plane and the sky, each texel the median of the pixels that see it.
+
+The plant covers a place of the ground for few cameras only, so the median looks through it.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.ndimage import distance_transform_edt
+
+from nerfmodal.field.grid import GridField
+from nerfmodal.field.kernels import GROUND_SIDE, SKY_SIDE
+from nerfmodal.field.views import Views, directions_of, pixels_at
+
+FLAT = -1e-4
+"""Rays that fall less than this see the sky, as in `kernels.meet_ground`."""
+
+
+def lay_ground(field: GridField, views: Views, seen: Int[np.ndarray, " chosen"] | None = None) -> None:
+    """Fill the ground and sky of `field.values` in place from the pictures, or from their pixels `seen` alone."""
+    flat = np.arange(views.pixels) if seen is None else seen
+    pixels = pixels_at(flat, views.images.shape)
+    directions = directions_of(views, pixels)
+    colors = views.images.reshape(-1, 3)[flat] / np.float32(255)
+    falls = directions[:, 2] < FLAT
+    origins = views.poses[pixels[:, 0], :3, 3]
+    ground = _texels(_ground_points(field, origins[falls], directions[falls]), GROUND_SIDE)
+    sky = _texels(_sky_points(directions[~falls]), SKY_SIDE)
+    start = field.bricks.rows
+    field.values[start : start + GROUND_SIDE**2, 1:] = _medians(ground, colors[falls], GROUND_SIDE)
+    field.values[start + GROUND_SIDE**2 :, 1:] = _medians(sky, colors[~falls], SKY_SIDE)
+
+
+def _ground_points(
+    field: GridField, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+) -> Float[np.ndarray, "rays 2"]:
+    t = (field.ground - origins[:, 2]) / directions[:, 2]
+    center = field.bricks.low + field.half
+    scaled = ((origins + t[:, None] * directions - center) / field.half)[:, :2]
+    r = np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1.0)
+    return 0.5 + scaled * (2.0 - 1.0 / r) / r * 0.25
+
+
+def _sky_points(directions: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, "rays 2"]:
+    u = 0.5 + np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
+    return np.stack([u, 0.5 + np.arcsin(np.clip(directions[:, 2], -1, 1)) / np.pi], axis=1)
+
+
+def _texels(points: Float[np.ndarray, "rays 2"], side: int) -> Int[np.ndarray, " rays"]:
+    nearest = np.round(np.clip(points, 0, 1) * (side - 1.001)).astype(int)
+    return nearest[:, 0] * side + nearest[:, 1]
+
+
+def _medians(
+    texels: Int[np.ndarray, " rays"], colors: Float[np.ndarray, "rays 3"], side: int
+) -> Float[np.ndarray, "texels 3"]:
+    """Median colour of each texel; texels that nobody saw take the nearest one's."""
+    filled = np.full((side * side, 3), 0.5, np.float32)
+    if not len(texels):
+        return filled
+    seen, first, counts = np.unique(np.sort(texels), return_index=True, return_counts=True)
+    for channel in range(3):
+        order = np.lexsort((colors[:, channel], texels))
+        ranked = colors[order, channel]
+        filled[seen, channel] = (ranked[first + (counts - 1) // 2] + ranked[first + counts // 2]) / 2
+    unseen = np.ones(side * side, dtype=bool)
+    unseen[seen] = False
+    nearest = distance_transform_edt(unseen.reshape(side, side), return_distances=False, return_indices=True)
+    return filled.reshape(side, side, 3)[tuple(nearest)].reshape(-1, 3)

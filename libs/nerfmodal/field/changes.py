@@ -1,0 +1,72 @@
+"""What changed since frame 0: pixels first, then the part of space that they carve out.
+
+The rig stands still, so a pixel that did not change says nothing new. A place can have changed only if nearly every
+camera that sees it sees a change there: the intersection of the changed silhouettes, as in a visual hull (Laurentini 1994).
+"""
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from scipy.ndimage import binary_dilation
+
+from nerfmodal.field.bricks import BLOCKS, Bricks, Occupancy
+from nerfmodal.geometry.cameras import project
+from nerfmodal.types import Rig
+
+CHANGE = 10
+"""A pixel has changed when one of its channels differs by more than this (of 255)."""
+AGREEMENT = 0.8
+"""Share of the cameras that must see a change at a place that changed (some see only what stands before it)."""
+
+
+def changed_pixels(
+    first: UInt8[np.ndarray, "cameras height width 3"], images: UInt8[np.ndarray, "cameras height width 3"]
+) -> Bool[np.ndarray, "cameras height width"]:
+    """Pixels that differ from frame 0, and their neighbours."""
+    difference = np.abs(first.astype(np.int16) - images).max(axis=-1)
+    return np.asarray(binary_dilation(difference > CHANGE, np.ones((1, 3, 3), dtype=bool)))
+
+
+def carved_blocks(
+    bricks: Bricks,
+    rig: Rig,
+    marked: Bool[np.ndarray, "cameras height width"],
+    voters: Bool[np.ndarray, "cameras height width"] | None = None,
+) -> Occupancy:
+    """Blocks of the grid's whole box that nearly every camera sees in a marked pixel, and their neighbours.
+
+    Pixels outside `voters` (by default none) say neither yes nor no.
+    """
+    shape = tuple(BLOCKS * n for n in bricks.slots.shape)
+    votes, seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    side = 2 * bricks.voxel
+    centers = _block_centers(bricks.low, shape, side)
+    opinions = np.ones_like(marked) if voters is None else voters
+    for camera, mask, asked in zip(rig.cameras, marked, opinions, strict=True):
+        pixels, depths = project(camera, centers)
+        radius = 0.5 * side * camera.focal_x / max(float(np.median(np.abs(depths))), 1e-6)
+        grown = _grow(mask, round(radius))
+        _vote(pixels, depths, grown, asked, votes.reshape(-1), seen.reshape(-1))
+    hull = votes >= AGREEMENT * np.maximum(seen, 1.0)
+    return np.asarray(binary_dilation(hull, np.ones((3, 3, 3), dtype=bool)))
+
+
+def _grow(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarray, "height width"]:
+    if pixels < 1:
+        return mask
+    return np.asarray(binary_dilation(mask, np.ones((2 * pixels + 1, 2 * pixels + 1), dtype=bool)))
+
+
+def _block_centers(low: Float[np.ndarray, " 3"], shape: tuple[int, ...], side: float) -> Float[np.ndarray, "blocks 3"]:
+    axes = [low[axis] + side * (np.arange(count) + 0.5) for axis, count in enumerate(shape)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@numba.njit(cache=True)
+def _vote(pixels, depths, mask, asked, votes, seen):  # type: ignore[no-untyped-def]
+    height, width = mask.shape
+    for index in range(len(pixels)):
+        column, row = pixels[index]
+        if depths[index] > 0 and 0 <= column < width and 0 <= row < height and asked[int(row), int(column)]:
+            seen[index] += 1
+            votes[index] += mask[int(row), int(column)]

@@ -1,0 +1,193 @@
+"""The fast field: a sparse grid of density and colour, trained coarse to fine by the kernels.
+
+Frame 0 is trained everywhere, together with the outer grid that explains what lies beyond the region; from it comes a
+still background for each camera. A further frame changes only where its pictures differ from those of frame 0.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from nerfmodal.errors import TrainingDiverged
+from nerfmodal.field import kernels
+from nerfmodal.field.bricks import Bricks, allocate, brick_counts, refine, seen_blocks, with_masks
+from nerfmodal.field.views import CELL, Views, pixels_at
+
+OUTER_BRICKS = 12
+START_RAW = np.float32(-6.0)
+"""Raw density of a voxel of which nothing is known yet: 0.0025 per voxel."""
+VISIBLE_WEIGHT = 0.05
+"""A block in which no sample had more weight than this is empty (or hidden): its vertices are not kept."""
+DECAY = 1e-3
+"""Pull on every sample's density towards nothing, so that fog that explains nothing clears."""
+STEP = 0.6
+"""Distance between samples, voxels."""
+
+Told = Callable[[int, float], None]
+"""Called with (iterations done, loss)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridField:
+    """A grid field: vertices of the inner bricks first in `values`, then those of the outer ones (may be absent)."""
+
+    bricks: Bricks
+    high: Float[np.ndarray, " 3"]
+    values: Float[np.ndarray, "rows 4"]
+    outer: Int[np.ndarray, "x y z"]
+    ground: float = math.nan
+
+    @property
+    def half(self) -> Float[np.ndarray, " 3"]:
+        """Half the extent of the region, metres: the unit of the contracted space."""
+        return 0.5 * (self.high - self.bricks.low)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rates:
+    """Learning rates of Adam for raw density and colour; they fall by `decay` over the training."""
+
+    density: float = 0.5
+    color: float = 0.04
+    final: float = 0.1
+
+
+class Optimiser:
+    """Adam's moments and the gradient buffers of one field."""
+
+    def __init__(self, rows: int, blocks: int) -> None:
+        self.gradients = np.zeros((kernels.CHUNKS, rows, 4), np.float32)
+        self.touched = np.zeros((kernels.CHUNKS, rows // kernels.ROWS_PER_BRICK), np.uint8)
+        self.first = np.zeros((rows, 4), np.float32)
+        self.second = np.zeros((rows, 4), np.float32)
+        self.seen = np.zeros((kernels.CHUNKS, blocks), np.float32)
+        self.steps = 0
+
+
+def empty_field(low: np.ndarray, high: np.ndarray, voxel: float, ground: float | None) -> GridField:
+    """A field of which nothing is known: faint grey fog.
+
+    Beyond the region lie the ground at the height `ground` (metres) and a sky, or, when it is None, an outer grid.
+    """
+    counts = brick_counts(low, high, voxel)
+    bricks = allocate(low, voxel, np.ones(tuple(counts * 4), dtype=bool))
+    side = OUTER_BRICKS if ground is None else 0
+    outer = np.arange(side**3, dtype=np.int32).reshape(side, side, side)
+    beyond = outer.size * kernels.ROWS_PER_BRICK if ground is None else kernels.GROUND_SIDE**2 + kernels.SKY_SIDE**2
+    values = np.full((bricks.rows + beyond, 4), 0.5, np.float32)
+    values[:, 0] = START_RAW
+    return GridField(
+        bricks=bricks, high=high, values=values, outer=outer, ground=math.nan if ground is None else ground
+    )
+
+
+def train(
+    field: GridField,
+    views: Views,
+    backgrounds: UInt8[np.ndarray, "cameras height width 3"] | None,
+    draw: Callable[[], Int[np.ndarray, " rays"]],
+    iterations: int,
+    rng: np.random.Generator,
+    *,
+    rates: Rates,
+    trainable: np.ndarray | None = None,
+    decay: float = DECAY,
+    limit: float = 10.0,
+    progress: tuple[float, float] = (0.0, 1.0),
+    told: Told = lambda done, loss: None,
+) -> tuple[float, Float[np.ndarray, " blocks"]]:
+    """Change `field.values` in place for a number of iterations.
+
+    Returns the smoothed loss and, for every block of every brick, the largest weight that a sample in it had in the second half.
+
+    Without `backgrounds` the outer grid is trained too. `progress` is the part of the whole schedule that this is.
+    """
+    optimiser = Optimiser(len(field.values), 64 * len(field.bricks.masks))
+    where = field.bricks.masks if trainable is None else trainable
+    outside = views.images if backgrounds is None else backgrounds
+    smooth = 0.0
+    for iteration in range(iterations):
+        if iteration == iterations // 2:
+            optimiser.seen[:] = 0  # what was fog at first may be clear by now
+        pixels = pixels_at(draw(), views.images.shape)
+        loss = kernels.train_batch(
+            field.bricks.slots,
+            field.bricks.masks,
+            field.outer,
+            field.values,
+            field.bricks.low,
+            field.bricks.voxel,
+            field.half,
+            field.ground,
+            views.table,
+            CELL,
+            views.poses,
+            views.images,
+            outside,
+            backgrounds is None,
+            pixels,
+            rng.random(len(pixels)),
+            STEP,
+            decay,
+            limit,
+            optimiser.gradients,
+            optimiser.touched,
+            optimiser.seen,
+        )
+        if not np.isfinite(loss):
+            raise TrainingDiverged(f"the loss became {loss} at iteration {iteration}.")
+        optimiser.steps += 1
+        part = progress[0] + (progress[1] - progress[0]) * iteration / iterations
+        scale = rates.final**part
+        kernels.adam(
+            field.values,
+            optimiser.gradients,
+            optimiser.touched,
+            optimiser.first,
+            optimiser.second,
+            where,
+            field.bricks.rows,
+            optimiser.steps,
+            np.array([rates.density * scale, rates.color * scale]),
+        )
+        smooth = loss if iteration == 0 else 0.9 * smooth + 0.1 * loss
+        told(iteration + 1, smooth)
+    return float(smooth), optimiser.seen.max(axis=0)
+
+
+def pruned(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
+    """The field with only the blocks that rays saw, and their neighbours, so that rays jump over the others."""
+    return replace(field, bricks=with_masks(field.bricks, seen_blocks(field.bricks, seen, VISIBLE_WEIGHT)))
+
+
+def refined(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
+    """The field with half the voxel, and vertices only near what rays saw."""
+    occupied = seen_blocks(field.bricks, seen, VISIBLE_WEIGHT)
+    bricks, inner = refine(field.bricks, field.values[: field.bricks.rows], field.high, occupied)
+    return replace(field, bricks=bricks, values=np.concatenate([inner, field.values[field.bricks.rows :]]))
+
+
+def render(
+    field: GridField, views: Views, pixels: Int[np.ndarray, "rays 3"], *, behind: bool, level: float = 0.5
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Colour in front (rays, 3), transmittance (rays,), colour behind (rays, 3), distance at `level` (rays,) m."""
+    return kernels.render_pixels(
+        field.bricks.slots,
+        field.bricks.masks,
+        field.outer,
+        field.values,
+        field.bricks.low,
+        field.bricks.voxel,
+        field.half,
+        field.ground,
+        views.table,
+        CELL,
+        views.poses,
+        behind,
+        pixels,
+        STEP,
+        level,
+    )

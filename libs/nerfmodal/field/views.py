@@ -1,0 +1,70 @@
+"""Pictures and rays in the form that the grid's kernels read.
+
+Any lens becomes a table of undistorted image points every few pixels; between them it is interpolated linearly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from nerfmodal.geometry.cameras import undistort
+from nerfmodal.types import Camera, Frame, Rig
+
+CELL = 8
+"""Pixels between two entries of the table: a lens bends by less than 0.01 pixels from a straight line over them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Views:
+    """What the kernels know of a frame: `table` of image points, poses (camera to world) and pictures."""
+
+    table: Float[np.ndarray, "cameras rows columns 2"]
+    poses: Float[np.ndarray, "cameras 4 4"]
+    images: UInt8[np.ndarray, "cameras height width 3"]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all pictures together."""
+        return int(np.prod(self.images.shape[:3]))
+
+
+def views_of(frame: Frame) -> Views:
+    """The views of a frame."""
+    return Views(
+        table=np.stack([_table(camera) for camera in frame.rig.cameras]),
+        poses=poses_of(frame.rig),
+        images=np.ascontiguousarray(frame.images),
+    )
+
+
+def poses_of(rig: Rig) -> Float[np.ndarray, "cameras 4 4"]:
+    """Camera-to-world matrices."""
+    return np.stack([camera.camera_to_world for camera in rig.cameras])
+
+
+def _table(camera: Camera) -> Float[np.ndarray, "rows columns 2"]:
+    rows, columns = -(-camera.height // CELL) + 1, -(-camera.width // CELL) + 1
+    grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * float(CELL)
+    center, focal = np.array([camera.center_x, camera.center_y]), np.array([camera.focal_x, camera.focal_y])
+    return undistort(camera, (grid - center) / focal).reshape(rows, columns, 2)
+
+
+def pixels_at(flat: Int[np.ndarray, " rays"], shape: tuple[int, ...]) -> Int[np.ndarray, "rays 3"]:
+    """(camera, row, column) of flat pixel numbers in pictures of `shape` (cameras, height, width, …)."""
+    return np.stack(np.unravel_index(flat, shape[:3]), axis=1).astype(np.int32)
+
+
+def directions_of(views: Views, pixels: Int[np.ndarray, "rays 3"]) -> Float[np.ndarray, "rays 3"]:
+    """Unit world directions of the rays through the centres of `pixels` (camera, row, column)."""
+    camera, v, u = pixels[:, 0], (pixels[:, 1] + 0.5) / CELL, (pixels[:, 2] + 0.5) / CELL
+    i = np.minimum(v.astype(int), views.table.shape[1] - 2)
+    j = np.minimum(u.astype(int), views.table.shape[2] - 2)
+    a, b = (v - i)[:, None], (u - j)[:, None]
+    table = views.table
+    upper = (1 - b) * table[camera, i, j] + b * table[camera, i, j + 1]
+    lower = (1 - b) * table[camera, i + 1, j] + b * table[camera, i + 1, j + 1]
+    x, y = ((1 - a) * upper + a * lower).T
+    local = np.stack([x, -y, -np.ones_like(x)], axis=1)
+    local /= np.linalg.norm(local, axis=1, keepdims=True)
+    return np.einsum("rij,rj->ri", views.poses[camera, :3, :3], local)
