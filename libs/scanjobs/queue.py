@@ -3,10 +3,14 @@
 Messages are acknowledged early: a step that its worker loses comes back by its lease, not by redelivery.
 """
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from celery import Celery
+from celery.concurrency.thread import TaskPool
+from celery.worker import WorkController
 from kombu import Queue
 
 from scanjobs.messages import KINDS, QUEUE_OF, QUEUES, Message
@@ -43,13 +47,33 @@ def make_app(broker_url: str) -> Celery:
 
 
 def serve(app: Celery, supervise: Supervise) -> None:
-    """Let every task of the application call one supervisor.
-
-    Celery's pool threads look tasks up in the default application, so a process can serve only one at a time.
-    """
-    app.set_default()
+    """Let every task of the application call one supervisor."""
     for kind in KINDS:
         app.task(name=kind, ignore_result=True, shared=False)(_doorbell(supervise))
+
+
+def make_consumer(app: Celery, *, name: str, queues: Sequence[str], slots: int) -> WorkController:
+    """A Celery worker of threads that serves some queues; `start` blocks, `stop` is called from another thread."""
+    return WorkController(
+        app=app,
+        hostname=name,
+        concurrency=slots,
+        queues=list(queues),
+        pool_cls=ThreadsOfApp,
+        loglevel=logging.WARNING,
+        without_heartbeat=True,
+        without_mingle=True,
+        without_gossip=True,
+        quiet=True,
+    )
+
+
+class ThreadsOfApp(TaskPool):
+    """Celery looks a task up in the current application of the thread that runs it: here that is the worker's own."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.executor = ThreadPoolExecutor(max_workers=self.limit, initializer=self.app.set_current)
 
 
 def publish(app: Celery, message: Message) -> None:

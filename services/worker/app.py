@@ -7,24 +7,24 @@ import fcntl
 import logging
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import uuid6
 from celery import Celery
-from celery.worker import WorkController
 from scanjobs import workers
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse
 from scanjobs.messages import QUEUES
 from scanjobs.migrate import upgrade
-from scanjobs.queue import make_app, serve
+from scanjobs.queue import make_app, make_consumer, serve
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
 from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from services.worker.supervisor import Supervisor
 from services.worker.ticker import Ticker, process_table
@@ -50,7 +50,8 @@ class Worker:
             on_change=self._wake,
         )
         serve(app, self.supervisor.supervise)
-        self._celery = _pool(app, identity)
+        name = f"{identity.id}@{identity.host}"
+        self._celery = make_consumer(app, name=name, queues=identity.queues, slots=identity.slots)
         self._consumer = threading.Thread(target=self._celery.start, name="consumer", daemon=True)
         self._ticker = Ticker(
             store=store,
@@ -59,6 +60,7 @@ class Worker:
             identity=identity,
             on_tick=lambda: self.supervisor.children.end_idle(settings.runner_idle_s),
             on_drain=self.drained.set,
+            on_dead=self.supervisor.sweep,
         )
 
     def start(self) -> None:
@@ -68,20 +70,21 @@ class Worker:
 
     def stop(self) -> None:
         """Drain: give the steps under way back, and end. Takes at most about `drain_s`."""
-        self._leave()
+        self._say(lambda session: workers.leave(session, self.identity))
         self.supervisor.drain()
         self._ticker.stop()
         self._celery.stop()
         self._consumer.join(self._settings.drain_s)
         self.supervisor.close()
+        self._say(lambda session: workers.bury(session, [self.identity.id]))
         self._store.close()
 
     def _wake(self) -> None:
         self._ticker.wake()
 
-    def _leave(self) -> None:
+    def _say(self, word: Callable[[Session], None]) -> None:
         try:
-            self._store.write(lambda session: workers.leave(session, self.identity))
+            self._store.write(word)
         except SQLAlchemyError:
             log.warning("the database does not answer; this worker is forgotten when its lease ends")
 
@@ -133,18 +136,3 @@ def only_server(data_folder: Path) -> Iterator[None]:
                 hint="Stop it, or set NERFMODAL_DATA_FOLDER to another folder.",
             ) from error
         yield
-
-
-def _pool(app: Celery, identity: WorkerIdentity) -> Any:
-    return WorkController(
-        app=app,
-        hostname=f"{identity.id}@{identity.host}",
-        concurrency=identity.slots,
-        queues=list(identity.queues),
-        pool="threads",
-        loglevel=logging.WARNING,
-        without_heartbeat=True,
-        without_mingle=True,
-        without_gossip=True,
-        quiet=True,
-    )

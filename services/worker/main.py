@@ -1,5 +1,9 @@
-"""The process `nerfmodal worker`: wait for a signal or a drain, then give the steps back and end."""
+"""The process `nerfmodal worker`: wait for a signal or a drain, then give the steps back and end.
 
+SIGUSR1 prints what every thread is doing.
+"""
+
+import faulthandler
 import signal
 import threading
 from collections.abc import Sequence
@@ -16,6 +20,7 @@ def main(queues: Sequence[str] = QUEUES, slots: int | None = None) -> int:
     asked = worker.drained
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: _ask(asked))
+    faulthandler.register(signal.SIGUSR1)
     worker.start()
     asked.wait()
     worker.stop()

@@ -11,6 +11,7 @@ import os
 import queue
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -32,6 +33,7 @@ from services.worker.protocol import (
     produced_line,
 )
 
+REPORT_S: Final = 0.1
 DEFAULT_TASKS: Final = "services.worker.tasks"
 
 
@@ -48,6 +50,7 @@ class Runner:
         self._tasks = tasks
         self._waiting: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self._stop = threading.Event()
+        self._told_at = 0.0
 
     def work(self) -> None:
         """Never returns: the reading thread ends the process."""
@@ -69,6 +72,9 @@ class Runner:
     def _report(self, progress: Progress) -> None:
         if self._stop.is_set():
             raise StepStopped
+        if progress.done < progress.total and time.monotonic() - self._told_at < REPORT_S:
+            return  # a stage may report thousands of times a second
+        self._told_at = time.monotonic()
         self._say({"progress": {"done": progress.done, "total": progress.total, "message": progress.message}})
 
     def _say(self, line: Line) -> None:

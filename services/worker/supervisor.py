@@ -9,7 +9,7 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -122,6 +122,11 @@ class Supervisor:
         """End the idle runners and remove the working folder."""
         self.children.end_idle(0.0)
         shutil.rmtree(self._work, ignore_errors=True)
+
+    def sweep(self, worker_ids: Sequence[str]) -> None:
+        """Remove what dead workers left in the working folder, which nobody will come back to."""
+        for worker_id in worker_ids:
+            shutil.rmtree(self._work.parent / worker_id, ignore_errors=True)
 
     def supervise(self, step_id: str) -> None:
         """Compute one step if it is still to be had."""

@@ -7,7 +7,7 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -55,6 +55,7 @@ class Ticker:
         identity: WorkerIdentity,
         on_tick: Callable[[], None],
         on_drain: Callable[[], None],
+        on_dead: Callable[[Sequence[str]], None],
     ) -> None:
         self._store = store
         self._app = app
@@ -62,6 +63,7 @@ class Ticker:
         self._identity = identity
         self._on_tick = on_tick
         self._on_drain = on_drain
+        self._on_dead = on_dead
         self._holder = identity.id if settings.broker_url.startswith("memory") else None
         self._wake = threading.Event()
         self._ended = threading.Event()
@@ -123,6 +125,7 @@ class Ticker:
         if dead:
             log.warning("workers %s have died", ", ".join(dead))
             self._store.write(lambda session: workers.bury(session, dead))
+            self._on_dead(dead)
 
     def _take_back_lost(self) -> None:
         with self._store.read() as session:

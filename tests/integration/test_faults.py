@@ -1,9 +1,6 @@
 """What happens to a scan when something is killed, cancelled, repeated or broken while it runs."""
 
-import os
-import signal
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,14 +9,12 @@ from scanjobs import control, repository
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse, IllegalTransition
 from scanjobs.messages import EXTRACT, IDENTIFY, RENDER, TRAIN, Message
-from scanjobs.migrate import upgrade
 from scanjobs.plan import WHOLE_SCAN
 from scanjobs.queue import make_app, publish
-from scanjobs.settings import Settings
 from scanjobs.states import StepState
 
 from services.worker.app import embedded_worker
-from tests.integration.toy_service import Service, is_alive, looking_at, serving, toy_spec, worker_process
+from tests.integration.toy_service import Service, is_alive, toy_spec
 
 
 def test_killed_runner_costs_one_attempt(service: Service, tmp_path: Path) -> None:
@@ -38,75 +33,6 @@ def test_runner_that_always_dies_fails_the_scan_with_a_hint(service: Service) ->
     assert (scan.error["step"], scan.error["code"]) == (TRAIN, "RUNNER_DIED")
     assert "memory" in scan.error["hint"]
     assert service.step(scan.id, TRAIN, WHOLE_SCAN).attempt == 3
-
-
-def test_killed_worker_is_replaced_without_redoing_finished_steps(settings: Settings) -> None:
-    upgrade(settings.database)
-    with looking_at(settings) as service:
-        scan_id = service.submit(toy_spec(trouble=f"{TRAIN}:1:slow_once={settings.data_folder}/was_slow"))
-        with worker_process(settings) as first:
-            runner = service.runner_of(scan_id, TRAIN, 1)
-            finished = {step.id for step in service.steps(scan_id) if step.state == StepState.SUCCEEDED}
-            first.signal(signal.SIGKILL)
-            first.wait(5)
-            service.wait(lambda: not is_alive(runner), 2)
-        assert finished
-        with worker_process(settings):
-            assert service.end_of(scan_id).state == "succeeded"
-        assert {step.token for step in service.steps(scan_id) if step.id in finished} == {1}
-        assert service.step(scan_id, TRAIN, 1).attempt == 2
-        assert service.violations() == ()
-
-
-def test_server_killed_three_times_finishes_its_scan(settings: Settings) -> None:
-    """The embedded server, killed whole in mid-scan, goes on from the file it left."""
-    upgrade(settings.database)
-    with looking_at(settings) as service:
-        scan_id = service.submit(toy_spec(frames=4))
-        for finished in (1, 5, 9):
-            with worker_process(settings) as server:
-                service.wait(partial(has_finished, service, scan_id, finished))
-                server.signal(signal.SIGKILL)
-                server.wait(5)
-        with worker_process(settings):
-            assert service.end_of(scan_id).state == "succeeded"
-        assert service.violations() == ()
-
-
-def has_finished(service: Service, scan_id: str, count: int) -> bool:
-    """Whether so many steps have succeeded."""
-    return sum(step.state == StepState.SUCCEEDED for step in service.steps(scan_id)) >= count
-
-
-def test_terminated_worker_gives_its_step_back_uncounted(settings: Settings) -> None:
-    upgrade(settings.database)
-    with looking_at(settings) as service, worker_process(settings) as worker:
-        scan_id = service.submit(toy_spec(trouble=f"{TRAIN}:-1:slow"))
-        runner = service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
-        asked_at = time.monotonic()
-        worker.signal(signal.SIGTERM)
-        assert worker.wait(15) == 0
-        assert time.monotonic() - asked_at < 15
-        step = service.step(scan_id, TRAIN, WHOLE_SCAN)
-        assert (step.state, step.attempt) == (StepState.READY, 0)
-        assert not is_alive(runner)
-        assert service.violations() == ()
-
-
-def test_frozen_worker_is_fenced_off(settings: Settings) -> None:
-    """A worker that sleeps for three leases wakes up to a step that somebody else has finished."""
-    quick = settings.model_copy(update={"lease_s": 1.5})
-    upgrade(quick.database)
-    with looking_at(quick) as service, worker_process(quick) as frozen:
-        scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:slow_once={quick.data_folder}/was_slow"))
-        service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
-        frozen.signal(signal.SIGSTOP)
-        with worker_process(quick):
-            assert service.end_of(scan_id).state == "succeeded"
-            frozen.signal(signal.SIGCONT)
-            time.sleep(1.0)
-        assert service.step(scan_id, TRAIN, WHOLE_SCAN).token == 2
-        assert service.violations() == ()
 
 
 @pytest.mark.parametrize(("kind", "frame"), [(RENDER, 0), (TRAIN, -1), (TRAIN, 1), (EXTRACT, 0), (IDENTIFY, -1)])
@@ -201,15 +127,6 @@ def test_retry_after_a_failure_keeps_what_succeeded(service: Service, tmp_path: 
     assert [step.kind for step in service.steps(scan.id) if step.token] == [IDENTIFY]
 
 
-def test_runner_ends_when_its_supervisor_is_gone(settings: Settings) -> None:
-    upgrade(settings.database)
-    with looking_at(settings) as service, worker_process(settings) as worker:
-        scan_id = service.submit(toy_spec(frames=1, trouble=f"{RENDER}:0:slow"))
-        runner = service.runner_of(scan_id, RENDER, 0)
-        os.kill(worker.pid, signal.SIGKILL)
-        service.wait(lambda: not is_alive(runner), 1.0)
-
-
 def test_fork_with_another_identification_renders_and_trains_nothing(service: Service) -> None:
     spec = toy_spec(frames=2, seed=5)
     scan = service.end_of(service.submit(spec))
@@ -269,23 +186,3 @@ def test_deadline_ends_the_scan_and_what_it_computes(service: Service) -> None:
     scan = service.end_of(scan_id, 10)
     assert (scan.state, (scan.error or {})["code"]) == ("failed", "DEADLINE_PASSED")
     service.wait(lambda: not is_alive(runner), 3)
-
-
-def test_step_that_takes_too_long_fails(settings: Settings) -> None:
-    short = settings.model_copy(update={"step_limit_s": 0.5, "max_attempts": 1})
-    with serving(short) as service:
-        scan = service.end_of(service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:slow")))
-        assert (scan.state, (scan.error or {})["code"]) == ("failed", "STEP_TOO_LONG")
-        assert service.violations() == ()
-
-
-def test_nothing_is_begun_on_a_disk_that_is_nearly_full(settings: Settings) -> None:
-    full = settings.model_copy(update={"disk_low_mb": 10**9})
-    upgrade(full.database)
-    with looking_at(full) as service:
-        scan_id = service.submit(toy_spec(frames=1))
-        with serving(full):
-            time.sleep(1.0)
-            assert {step.token for step in service.steps(scan_id)} == {0}
-        with serving(settings):
-            assert service.end_of(scan_id).state == "succeeded"

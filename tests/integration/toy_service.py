@@ -85,14 +85,16 @@ class Service:
         with self.store.read() as session:
             return repository.list_steps(session, scan)
 
-    def runner_of(self, scan_id: str, kind: str, frame: int, seconds: float = 20.0) -> int:
-        """Wait until a process computes the step; its id."""
+    def runner_of(self, scan_id: str, kind: str, frame: int, *, seconds: float = 20.0, mark: Path | None = None) -> int:
+        """Wait until a process computes the step (and has left its mark, if it does); its id."""
         pids: list[int] = []
 
         def has_runner() -> bool:
             step = self.step(scan_id, kind, frame)
             with self.store.read() as session:
                 attempt = session.get(Attempt, (step.id, step.token))
+            if mark is not None and not mark.exists():
+                return False
             if step.state == StepState.RUNNING and attempt is not None and attempt.pid is not None:
                 pids.append(attempt.pid)
             return bool(pids)

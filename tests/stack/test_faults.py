@@ -90,7 +90,7 @@ def test_killed_worker_on_redis_is_replaced(settings: Settings) -> None:
     with looking_at(settings) as service:
         scan_id = service.submit(toy_spec(trouble=f"{TRAIN}:1:slow_once={settings.data_folder.parent}/was_slow"))
         with worker_process(settings) as first:
-            service.runner_of(scan_id, TRAIN, 1)
+            service.runner_of(scan_id, TRAIN, 1, mark=settings.data_folder.parent / "was_slow")
             finished = {step.id for step in service.steps(scan_id) if step.state == StepState.SUCCEEDED}
             first.signal(signal.SIGKILL)
             first.wait(5)
