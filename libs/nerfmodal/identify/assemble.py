@@ -32,8 +32,9 @@ class Evidence:
 
     @property
     def duration(self) -> float:
-        """Length of the record, seconds."""
-        return float(self.displacement.times[-1] - self.displacement.times[0])
+        """Length of the record, seconds: the last frame lasts as long as the others."""
+        times = self.displacement.times
+        return float(times[-1] - times[0]) + 1.0 / self.displacement.frame_rate
 
 
 def model_of_fit(evidence: Evidence, other: Opinion) -> ModalModel:
