@@ -19,6 +19,9 @@ PAIR_SHARE = 0.15
 """Two modes are paired if they differ by at most this share in frequency, or by `PAIR_HZ`."""
 PAIR_HZ = 0.3
 NEIGHBOURS = 6
+PLATE_POINTS = 24
+PLATE_SMOOTHING = 1e-9
+"""Keeps the plate defined where neighbours lie on one line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,12 +202,11 @@ def _nearest(points: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.
 
 
 def _interpolated(points: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Linear between the points in the plane they lie in, the nearest ones' outside of them."""
-    nearest = _nearest(points, values, targets)
+    """A thin plate through the nearby points of the organ's plane, which reaches a little over their edge."""
     center = points.mean(axis=0)
     _, extents, axes = np.linalg.svd(points - center, full_matrices=False)
-    if len(points) < 4 or extents[1] < 1e-6 * extents[0]:
-        return nearest
-    flat = (points - center) @ axes[:2].T
-    linear = interpolate.LinearNDInterpolator(flat, values)((targets - center) @ axes[:2].T)
-    return np.where(np.isfinite(linear), linear, nearest)
+    if len(points) < PLATE_POINTS or extents[1] < 1e-3 * extents[0]:
+        return _nearest(points, values, targets)
+    flat, places = np.unique(np.round((points - center) @ axes[:2].T, 6), axis=0, return_index=True)
+    plate = interpolate.RBFInterpolator(flat, values[places], neighbors=PLATE_POINTS, smoothing=PLATE_SMOOTHING)
+    return np.asarray(plate((targets - center) @ axes[:2].T))

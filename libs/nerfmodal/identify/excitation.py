@@ -1,7 +1,8 @@
 """What set the structure in motion: a pull that was let go, the wind, or a steady shaker; recognised or given.
 
 Free decay and steady harmonic motion are sums of damped sinusoids, ambient motion is not: the share of the modal
-coordinates' energy that a damped sinusoid at the mode's own frequency and damping explains tells them apart.
+coordinates' energy that a damped sinusoid at the mode's own frequency and damping explains tells them apart. What is
+not explained must vibrate too: a weak decay drowned in noise is still a decay.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,8 @@ from nerfmodal.types import OrganResult, Verdict
 Excitation = Literal["free_decay", "ambient", "harmonic"]
 EXPLAINED = 0.6
 """Share of the energy from which a record is a sum of damped sinusoids."""
+MEMORY = 0.5
+MEMORY_LAGS = 6
 FALL = 0.1
 """ζ ω T from which a coordinate decays visibly over the record."""
 
@@ -34,7 +37,9 @@ def recognise(
         _unexplained(times, series, line)
         for series, line in zip(coordinates.T, np.column_stack([frequencies, damping_ratios]), strict=True)
     ]
-    if 1 - sum(left) / energy.sum() < EXPLAINED:
+    sizes = np.array([(series**2).sum() for series in left])
+    memory = float((sizes * [_memory(series) for series in left]).sum() / max(sizes.sum(), 1e-300))
+    if 1 - sizes.sum() / energy.sum() < EXPLAINED and memory > MEMORY:
         return "ambient"
     fall = np.abs(damping_ratios) * 2 * np.pi * frequencies * (times[-1] - times[0])
     return "free_decay" if (energy * fall).sum() / energy.sum() > FALL else "harmonic"
@@ -59,7 +64,15 @@ def _vote(organ: OrganResult) -> Excitation:
     )
 
 
-def _unexplained(times: np.ndarray, series: np.ndarray, line: np.ndarray) -> float:
+def _unexplained(times: np.ndarray, series: np.ndarray, line: np.ndarray) -> np.ndarray:
     columns = damped_columns(times, line[None])
     solution = np.linalg.lstsq(columns, series, rcond=None)[0]
-    return float(((series - columns @ solution) ** 2).sum())
+    return np.asarray(series - columns @ solution)
+
+
+def _memory(series: np.ndarray) -> float:
+    """The largest correlation with itself at the first lags: near 0 for noise, near 1 for a vibration."""
+    total = float((series**2).sum())
+    if total == 0:
+        return 0.0
+    return max(abs(float(series[lag:] @ series[:-lag])) / total for lag in range(1, MEMORY_LAGS + 1))

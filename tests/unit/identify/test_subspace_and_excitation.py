@@ -80,9 +80,15 @@ def test_sums_of_sinusoids_are_told_by_their_fall(damping: float, kind: str) -> 
     assert recognise(TIMES, coordinate(damping), np.array([3.0]), np.array([damping])) == kind
 
 
-def test_what_no_sinusoid_explains_is_ambient() -> None:
-    noise = np.random.default_rng(0).normal(size=(90, 1))
-    assert recognise(TIMES, noise, np.array([3.0]), np.array([0.01])) == "ambient"
+def test_what_no_sinusoid_explains_is_ambient_if_it_vibrates() -> None:
+    displacement, _ = ambient_record(30.0, 0.02, 3)
+    wind = displacement.values[:, -1]
+    assert recognise(displacement.times, wind, np.array([2.17]), np.array([0.02])) == "ambient"
+
+
+def test_a_decay_drowned_in_noise_is_still_a_decay() -> None:
+    drowned = coordinate(0.01) + 1.5 * np.random.default_rng(0).normal(size=(90, 1))
+    assert recognise(TIMES, drowned, np.array([3.0]), np.array([0.01])) == "free_decay"
 
 
 def test_a_given_excitation_is_said_and_nothing_is_called_a_free_decay() -> None:
