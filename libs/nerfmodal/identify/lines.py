@@ -26,6 +26,11 @@ class Grid:
     lines: Float[np.ndarray, "candidates 2"]
     columns: Float32[np.ndarray, "candidates 2 frames"]
 
+    def without(self, frequency: float, width: float) -> "Grid":
+        """The grid less the lines within `width` (Hz) of a frequency."""
+        kept = np.abs(self.lines[:, 0] - frequency) > width
+        return Grid(lines=self.lines[kept], columns=self.columns[kept])
+
 
 def candidate_grid(times: Float[np.ndarray, " frames"], low: float, high: float) -> Grid:
     """Lines every 0.08 Hz from `low` to `high`, each with four damping ratios."""

@@ -122,7 +122,8 @@ def fit_sinusoids(
             break
         grown = fit_lines(times, channels, np.vstack([lines, line]), frame_rate=frame_rate)
         if _split(grown, times):
-            break
+            grid = grid.without(line[0], 1.0 / (times[-1] - times[0]))  # misfit of a line that is there already
+            continue
         lines = grown
     return _summarise(times, channels, lines)
 
