@@ -9,7 +9,8 @@
      ├─ InvalidCursor           the cursor was not made by this service; HTTP 422
      ├─ SourceOutsideRoots      a path that the service may not read; HTTP 422
      ├─ ArtifactDamaged         the stored bytes no longer have their digest
-     └─ DataFolderInUse         a second server on one data folder
+     ├─ DataFolderInUse         a second server on one data folder
+     └─ DatabaseOutOfDate       its tables are not those of this version
 """
 
 from typing import ClassVar
@@ -73,3 +74,9 @@ class DataFolderInUse(ScanjobsError):
     """Another server runs on this data folder; stop it or choose another folder."""
 
     code = "DATA_FOLDER_IN_USE"
+
+
+class DatabaseOutOfDate(ScanjobsError):
+    """The database's tables are not those of this version; run `nerfmodal migrate` with the same settings."""
+
+    code = "DATABASE_OUT_OF_DATE"

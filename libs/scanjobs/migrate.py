@@ -7,7 +7,12 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import make_url
+
+from scanjobs.errors import DatabaseOutOfDate
+from scanjobs.store import Store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 INSTALLED = Path(__file__).resolve().parent / "migrations"
@@ -23,6 +28,18 @@ def downgrade(database_url: str, revision: str) -> None:
     """Migrate down to a revision; `base` leaves nothing."""
     with _alone(database_url):
         command.downgrade(_config(database_url), revision)
+
+
+def check_current(store: Store) -> None:
+    """Raise `DatabaseOutOfDate` unless the database is at the newest revision."""
+    newest = ScriptDirectory.from_config(_config("")).get_current_head()
+    with store.engine.connect() as connection:
+        present = MigrationContext.configure(connection).get_current_revision()
+    if present != newest:
+        raise DatabaseOutOfDate(
+            f"the database is at revision {present or 'none'}, this version needs {newest}.",
+            hint="Run `nerfmodal migrate` with the same NERFMODAL_DATABASE_URL.",
+        )
 
 
 @contextmanager

@@ -21,7 +21,7 @@ class Settings(BaseSettings):
     data_folder: Path = Path(".nerfmodal")
     database_url: str = ""
     """SQLAlchemy URL; empty is an SQLite file in `data_folder`."""
-    broker_url: str = "memory://"
+    broker_url: str = "memory://localhost/"
     artifact_folder: Path | None = None
     """Where artifacts lie; None is `data_folder`/artifacts."""
     capture_roots: Annotated[tuple[Path, ...], NoDecode] = (Path(),)

@@ -18,7 +18,7 @@ from scanjobs import workers
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse
 from scanjobs.messages import QUEUES
-from scanjobs.migrate import upgrade
+from scanjobs.migrate import check_current, upgrade
 from scanjobs.queue import make_app, make_consumer, serve
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
@@ -90,7 +90,7 @@ class Worker:
 
 
 def create_worker(settings: Settings, *, queues: Sequence[str] = QUEUES, slots: int | None = None) -> Worker:
-    """A worker that is not started yet; the database must be up to date."""
+    """A worker that is not started yet. Raises `DatabaseOutOfDate` where the database must be migrated first."""
     identity = WorkerIdentity(
         id=str(uuid6.uuid7()),
         host=process_table(),
@@ -99,6 +99,7 @@ def create_worker(settings: Settings, *, queues: Sequence[str] = QUEUES, slots: 
         slots=slots or settings.slots,
     )
     store = open_store(settings.database)
+    check_current(store)
     return Worker(store=store, app=make_app(settings.broker_url), settings=settings, identity=identity)
 
 

@@ -19,6 +19,7 @@ numbers = count()
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
     """One cluster for all tests; each has its own database."""
+    pytest.importorskip("psycopg", reason="pip install 'nerfmodal[postgres]'")
     if postgres_program("initdb") is None:
         pytest.skip(f"PostgreSQL is not installed: {REMEDY}")
     server = Postgres()

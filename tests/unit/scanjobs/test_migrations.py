@@ -11,7 +11,8 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from nerfmodal.spec import ScanSpec
 from scanjobs import migrate, repository
-from scanjobs.migrate import downgrade, upgrade
+from scanjobs.errors import DatabaseOutOfDate
+from scanjobs.migrate import check_current, downgrade, upgrade
 from scanjobs.store import Store, open_store
 from scanjobs.tables import Base
 from sqlalchemy import inspect
@@ -90,6 +91,15 @@ def test_processes_that_start_together_migrate_one_after_the_other(tmp_path: Pat
     program = f"from scanjobs.migrate import upgrade; upgrade({url!r})"
     processes = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(4)]
     assert [process.wait(60) for process in processes] == [0, 0, 0, 0]
+
+
+def test_database_of_another_version_is_refused(store: Store, tmp_path: Path) -> None:
+    check_current(store)
+    empty = open_store(f"sqlite:///{tmp_path / 'empty.db'}")
+    with pytest.raises(DatabaseOutOfDate, match="revision none") as refusal:
+        check_current(empty)
+    assert "nerfmodal migrate" in (refusal.value.hint or "")
+    empty.close()
 
 
 def test_configuration_finds_its_scripts() -> None:
