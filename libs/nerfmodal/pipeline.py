@@ -5,10 +5,19 @@ Each stage takes values and returns values; the worker's tasks load, call one of
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import assert_never
 
-from nerfmodal.spec import ScanSpec
-from nerfmodal.types import Checkpoint, Frame, PointCloud, ScanResult
+import numpy as np
+
+from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface
+from nerfmodal.errors import InvalidSpec
+from nerfmodal.geometry.cameras import focus_of
+from nerfmodal.identify import identify_scan
+from nerfmodal.identify.excitation import excitation_of
+from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
+from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,55 +33,132 @@ Report = Callable[[Progress], None]
 """Called often by long stages; whatever it raises stops the stage (this is how a scan is cancelled)."""
 
 
-def frame_times(spec: ScanSpec) -> tuple[float, ...]:
-    """Instants in seconds of the frames of a simulation or capture; clouds know their own.
+SURFACE_SHARE = 0.6
+"""A ray's point lies where its opacity passes this share of the threshold: thin leaves never reach all of it."""
+REGION_SHARE = 0.3
+"""Half the side of a capture's default region, in mean distances from the cameras to what they look at."""
 
-    Reads only the capture's transforms.json. Raises `InvalidCapture`.
+
+def frame_times(spec: ScanSpec) -> tuple[float, ...]:
+    """Instants in seconds of the frames.
+
+    Of a capture only its transforms.json is read. Raises `InvalidCapture` or `InvalidClouds`.
     """
-    raise NotImplementedError
+    match spec.source:
+        case SimulationSource():
+            return tuple(float(time) for time in simulate.frame_times(spec.source))
+        case CaptureSource():
+            return capture.open_capture(Path(spec.source.path)).times
+        case CloudsSource():
+            return tuple(one.time for one in read_clouds(spec))
+        case _:
+            assert_never(spec.source)
 
 
 def check_source(spec: ScanSpec) -> None:
-    """Refuse, before anything runs, a capture or clouds that cannot be used.
+    """Refuse, before anything runs, a source that cannot be used.
 
-    Raises `InvalidCapture` or `InvalidClouds`, naming the file, or `MissingExtra`.
+    Raises `InvalidSpec`, `InvalidCapture` or `InvalidClouds`, naming the key or the file.
     """
-    raise NotImplementedError
+    match spec.source:
+        case SimulationSource():
+            simulate.check_source(spec.source)
+        case CaptureSource():
+            capture.check_pictures(capture.open_capture(Path(spec.source.path)))
+        case CloudsSource():
+            for _ in read_clouds(spec):
+                pass
+        case _:
+            assert_never(spec.source)
 
 
 def make_frame(spec: ScanSpec, index: int, *, report: Report) -> Frame:
-    """Frame `index`: rendered (simulation) or read (capture)."""
-    raise NotImplementedError
+    """Frame `index`: rendered (simulation) or read (capture). Of a capture all views are read, held-out ones too."""
+    match spec.source:
+        case SimulationSource():
+            return simulate.render_frame(spec.source, index, spec.seed, report=lambda d, n: report(_step(d, n)))
+        case CaptureSource():
+            frame = capture.read_frame(capture.open_capture(Path(spec.source.path)), index, spec.source.downscale)
+            report(_step(1, 1))
+            return frame
+        case CloudsSource():
+            raise InvalidSpec("clouds have no frames to make.", where="/source/kind", hint="Identify them.")
+        case _:
+            assert_never(spec.source)
 
 
 def fit_first(spec: ScanSpec, first: Frame, *, report: Report) -> Checkpoint:
     """Train frame 0 from nothing to the checkpoint that every frame starts from."""
-    raise NotImplementedError
+    trained, held_out = capture.split_held_out(first, _held_out(spec))
+    return field.fit(_scene(spec, first), spec.reconstruction, trained, held_out, spec.seed, _telling(report))
 
 
 def fine_tune(spec: ScanSpec, parent: Checkpoint, first: Frame, frame: Frame, *, report: Report) -> Checkpoint:
     """Train `frame` from the frame-0 checkpoint; independent of all other frames (frame 0 included)."""
-    raise NotImplementedError
+    (start, _), (now, _) = (capture.split_held_out(one, _held_out(spec)) for one in (first, frame))
+    return field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report))
 
 
 def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Report) -> PointCloud:
     """The point cloud of a trained frame (eq 10). Always ends; see its `outcome`."""
-    raise NotImplementedError
+    threshold = spec.reconstruction.opacity_threshold
+    scene = _scene(spec, frame)
+    return cloud.extract(
+        field.looker(checkpoint, frame, SURFACE_SHARE * threshold),
+        frame,
+        scene.low,
+        scene.high,
+        threshold=threshold,
+        count=spec.reconstruction.points,
+        rng=np.random.default_rng([spec.seed, frame.index]),
+        report=lambda done, total: report(_step(done, total)),
+    )
 
 
 def read_clouds(spec: ScanSpec) -> Iterator[PointCloud]:
     """The clouds of a `clouds` source, in time order. Raises `InvalidClouds`."""
-    raise NotImplementedError
+    if not isinstance(spec.source, CloudsSource):
+        raise InvalidSpec("is no source of clouds.", where="/source/kind", hint="Use kind: clouds.")
+    return io.read_cloud_sequence(Path(spec.source.path))[1]
 
 
 def identify(spec: ScanSpec, clouds: Sequence[PointCloud | None], *, report: Report) -> ScanResult:
     """Modes of every organ from the clouds; None is a frame that was lost. Never reads the truth."""
-    raise NotImplementedError
+    started = _now()
+    times = np.array(frame_times(spec))
+    rate = _frame_rate(spec, times)
+    organs = identify_scan(
+        _organs(spec),
+        spec.identification,
+        clouds,
+        measure=surface.measure_organ,
+        frame_rate=rate,
+        times=times,
+        seed=spec.seed,
+        report=lambda done, total, message: report(Progress(done=done, total=total, message=message)),
+    )
+    outcomes = {organ.model.outcome for organ in organs}
+    return ScanResult(
+        organs=organs,
+        times=times,
+        frame_rate=rate,
+        excitation=excitation_of(organs, spec.identification.excitation),
+        provenance=Provenance(
+            package_version=__version__,
+            spec_digest=spec.digest(),
+            seed=spec.seed,
+            device="cpu",
+            started=started,
+            finished=_now(),
+        ),
+        outcome=outcomes.pop() if len(outcomes) == 1 else Outcome.OK,
+    )
 
 
 def write_truth(spec: ScanSpec, path: Path) -> None:
     """What a simulation imposed, as `truth.npz` (`io.read_truth`); only comparison code opens it."""
-    raise NotImplementedError
+    if isinstance(spec.source, SimulationSource):
+        io.write_truth(path, simulate.true_modes(spec.source, np.array(frame_times(spec))))
 
 
 def publish(
@@ -82,9 +168,82 @@ def publish(
 
     `frame` and `cloud` are the first ones, for the report's pictures. Returns the files written.
     """
-    raise NotImplementedError
+    pictures = figures.draw(result, frame, cloud, out / "figures")
+    return export.publish(spec, result, frame, cloud, out, pictures=pictures)
 
 
 def run(spec: ScanSpec, out: Path, *, report: Callable[[str, Progress], None]) -> ScanResult:
     """The whole scan in this process; writes the results under `out`."""
-    raise NotImplementedError
+    check_source(spec)
+    first: Frame | None = None
+    if isinstance(spec.source, CloudsSource):
+        clouds: list[PointCloud] = list(read_clouds(spec))
+    else:
+        first = make_frame(spec, 0, report=_named(report, "frame.render"))
+        clouds = list(reconstruct(spec, first, out, report=report))
+    result = identify(spec, clouds, report=_named(report, "scan.identify"))
+    publish(spec, result, first, clouds[0], out)
+    if isinstance(spec.source, SimulationSource):
+        write_truth(spec, out / "truth.npz")
+    return result
+
+
+def reconstruct(
+    spec: ScanSpec, first: Frame, out: Path, *, report: Callable[[str, Progress], None]
+) -> Iterator[PointCloud]:
+    """The clouds of all frames, one after the other, each also written under `out/clouds`."""
+    parent = fit_first(spec, first, report=_named(report, "frame.train"))
+    for index in range(len(frame_times(spec))):
+        frame = first if index == 0 else make_frame(spec, index, report=_named(report, "frame.render"))
+        tuned = fine_tune(spec, parent, first, frame, report=_named(report, "frame.train"))
+        points = extract(spec, tuned, frame, report=_named(report, "frame.extract"))
+        path = out / "clouds" / f"frame_{index:04d}.ply"
+        io.write_cloud(path, points)
+        yield io.read_cloud(path)
+
+
+def _step(done: int, total: int) -> Progress:
+    return Progress(done=done, total=total)
+
+
+def _telling(report: Report) -> Callable[[int, int, str], None]:
+    return lambda done, total, message: report(Progress(done=done, total=total, message=message))
+
+
+def _named(report: Callable[[str, Progress], None], step: str) -> Report:
+    return lambda progress: report(step, progress)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _held_out(spec: ScanSpec) -> int | None:
+    return spec.source.hold_out_every if isinstance(spec.source, CaptureSource) else None
+
+
+def _frame_rate(spec: ScanSpec, times: np.ndarray) -> float:
+    if isinstance(spec.source, SimulationSource):
+        return spec.source.frame_rate_hz
+    if isinstance(spec.source, CloudsSource):
+        return io.read_cloud_sequence(Path(spec.source.path))[0]
+    return float(1.0 / np.median(np.diff(times))) if len(times) > 1 else 1.0
+
+
+def _organs(spec: ScanSpec) -> tuple[OrganSpec, ...]:
+    if spec.organs or not isinstance(spec.source, SimulationSource):
+        return spec.organs
+    return simulate.default_organs(spec.source)
+
+
+def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:
+    box = spec.reconstruction.region
+    simulated = isinstance(spec.source, SimulationSource)
+    if box is None and isinstance(spec.source, SimulationSource):
+        box = simulate.default_region(spec.source)
+    if box is not None:
+        low, high = np.array(box.min_m, dtype=float), np.array(box.max_m, dtype=float)
+    else:
+        center, distance = focus_of(frame.rig)
+        low, high = center - REGION_SHARE * distance, center + REGION_SHARE * distance
+    return field.Scene(low=low, high=high, ground=0.0 if simulated else None)

@@ -54,13 +54,14 @@ class RigSpec(Part):
     """Cameras on a semi-sphere around `target_m`, all looking at it."""
 
     cameras: Annotated[int, Field(ge=3, le=500)] = 24
-    radius_m: PositiveMetres = 3.0
-    target_m: Point = (0.0, 0.0, 1.5)
+    radius_m: PositiveMetres = 3.2
+    target_m: Point = (0.0, 0.0, 1.35)
     lowest_deg: Annotated[float, Field(gt=-90, lt=90)] = 5.0
     highest_deg: Annotated[float, Field(gt=-90, lt=90)] = 70.0
-    width_px: Annotated[int, Field(ge=16, le=7680)] = 200
-    height_px: Annotated[int, Field(ge=16, le=7680)] = 200
-    field_of_view_deg: Annotated[float, Field(gt=1, lt=150)] = 45.0
+    width_px: Annotated[int, Field(ge=16, le=7680)] = 224
+    height_px: Annotated[int, Field(ge=16, le=7680)] = 320
+    field_of_view_deg: Annotated[float, Field(gt=1, lt=150)] = 50.0
+    """Along the longer side of the picture."""
 
     @model_validator(mode="after")
     def _elevations_are_ordered(self) -> "RigSpec":

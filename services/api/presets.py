@@ -17,7 +17,7 @@ DAMPING_RATIO = 0.01
 def _motion() -> tuple[ImposedMode, ...]:
     leaves = [mode for leaf in range(LEAVES) for mode in _leaf_motion(leaf)]
     trunk = ImposedMode(
-        organ="trunk", shape="bending_1", frequency_hz=1, damping_ratio=DAMPING_RATIO, amplitude_m=0.03, phase_deg=20
+        organ="trunk", shape="bending_1", frequency_hz=1, damping_ratio=DAMPING_RATIO, amplitude_m=0.04, phase_deg=20
     )
     return (*leaves, trunk)
 
@@ -26,14 +26,14 @@ def _leaf_motion(leaf: int) -> list[ImposedMode]:
     """Three modes whose phases are those of no other leaf."""
     name, turn = f"leaf_{leaf}", 360 * leaf / LEAVES
     first = ImposedMode(
-        organ=name, shape="bending_1", frequency_hz=2, damping_ratio=DAMPING_RATIO, amplitude_m=0.04, phase_deg=turn
+        organ=name, shape="bending_1", frequency_hz=2, damping_ratio=DAMPING_RATIO, amplitude_m=0.05, phase_deg=turn
     )
     second = ImposedMode(
         organ=name,
         shape="bending_2",
         frequency_hz=5,
         damping_ratio=DAMPING_RATIO,
-        amplitude_m=0.015,
+        amplitude_m=0.025,
         phase_deg=(2 * turn + 40) % 360,
     )
     twist = ImposedMode(
@@ -41,7 +41,7 @@ def _leaf_motion(leaf: int) -> list[ImposedMode]:
         shape="torsion_1",
         frequency_hz=10,
         damping_ratio=DAMPING_RATIO,
-        amplitude_m=0.012,
+        amplitude_m=0.02,
         phase_deg=(3 * turn + 80) % 360,
     )
     return [first, second, twist]
@@ -50,8 +50,11 @@ def _leaf_motion(leaf: int) -> list[ImposedMode]:
 DEFAULT = ScanSpec(
     name="acai",
     source=SimulationSource(kind="simulation", frames=60, frame_rate_hz=30, motion=_motion()),
+    reconstruction=ReconstructionSpec(
+        voxel_m=0.0125, iterations=800, fine_tune_iterations=150, opacity_threshold=0.35, points=40_000
+    ),
 )
-"""What the demo runs: 24 cameras of 200 × 200 pixels, two seconds at 30 Hz."""
+"""What the demo runs: 24 cameras of 224 × 320 pixels, two seconds at 30 Hz."""
 
 QUICK = ScanSpec(
     name="quick",
@@ -60,7 +63,7 @@ QUICK = ScanSpec(
         frames=40,
         frame_rate_hz=30,
         motion=_motion(),
-        rig=RigSpec(cameras=12, width_px=120, height_px=120),
+        rig=RigSpec(cameras=16, width_px=128, height_px=184),
         renderer="preview",
     ),
     reconstruction=ReconstructionSpec(iterations=300, fine_tune_iterations=60, points=20_000),

@@ -1,7 +1,7 @@
 """A capture folder: a `transforms.json` (nerfstudio / instant-ngp) beside its pictures.
 
-A dynamic capture adds `camera_id`, `frame_index` and `time_s` to each entry and `frame_rate_hz` at the top; without them
-all pictures are one frame. Entries whose picture does not exist are left out and counted, as found in the wild.
+A dynamic capture adds `camera_id`, `frame_index` and `time_s` to each entry and `frame_rate_hz` at the top; without
+them all pictures are one frame. Entries whose picture does not exist are left out and counted, as found in the wild.
 """
 
 import json
@@ -90,6 +90,13 @@ def read_frame(capture: Capture, index: int, shrink: int = 1) -> Frame:
     images = [_shrunk(decode(view.path.read_bytes(), str(view.path)), shrink) for view in views]
     rig = Rig(cameras=tuple(downscale(view.camera, shrink) for view in views))
     return Frame(index=index, time=capture.times[index], images=np.stack(images), rig=rig)
+
+
+def check_pictures(capture: Capture) -> None:
+    """Decode every picture once, so that a broken one is known before hours are spent. Raises `InvalidCapture`."""
+    for views in capture.frames:
+        for view in views:
+            decode(view.path.read_bytes(), str(view.path))
 
 
 def split_held_out(frame: Frame, every: int | None) -> tuple[Frame, Frame | None]:

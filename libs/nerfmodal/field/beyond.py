@@ -1,4 +1,4 @@
-"""First guess of what lies beyond the region: the ground plane and the sky, each texel the median of the pixels that see it.
+"""First guess of what lies beyond the region: ground plane and sky, each texel the median of the pixels that see it.
 
 The plant covers a place of the ground for few cameras only, so the median looks through it.
 """

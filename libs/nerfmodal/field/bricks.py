@@ -80,10 +80,23 @@ def with_masks(bricks: Bricks, occupied: Occupancy) -> Bricks:
 
 
 def seen_blocks(bricks: Bricks, seen: Float[np.ndarray, " blocks"], threshold: float) -> Occupancy:
-    """Blocks in which a sample's weight exceeded `threshold`, and their neighbours."""
+    """Blocks in which a sample's weight exceeded `threshold`."""
     masks = pack(seen.reshape(-1, BLOCKS**3) > threshold)
-    dense = unpack(masks & bricks.masks, bricks.slots)
-    return np.asarray(binary_dilation(dense, np.ones((3, 3, 3), dtype=bool)))
+    return unpack(masks & bricks.masks, bricks.slots)
+
+
+def grown(blocks: Occupancy) -> Occupancy:
+    """The blocks and their neighbours."""
+    return np.asarray(binary_dilation(blocks, np.ones((3, 3, 3), dtype=bool)))
+
+
+def halved(blocks: Occupancy, shape: tuple[int, ...]) -> Occupancy:
+    """The same places in blocks half as large, in an array of `shape`."""
+    fine = blocks.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+    fitting = np.zeros(shape, dtype=bool)
+    part = tuple(slice(0, min(a, b)) for a, b in zip(shape, fine.shape, strict=True))
+    fitting[part] = fine[part]
+    return fitting
 
 
 def refine(
@@ -94,11 +107,8 @@ def refine(
     The density of a place does not change, so its value per voxel halves.
     """
     voxel = coarse.voxel / 2
-    occupied = occupied.repeat(2, 0).repeat(2, 1).repeat(2, 2)
-    fitting = np.zeros(tuple(BLOCKS * brick_counts(coarse.low, high, voxel)), dtype=bool)
-    part = tuple(slice(0, min(a, b)) for a, b in zip(fitting.shape, occupied.shape, strict=True))
-    fitting[part] = occupied[part]
-    fine = allocate(coarse.low, voxel, fitting)
+    shape = tuple(BLOCKS * int(count) for count in brick_counts(coarse.low, high, voxel))
+    fine = allocate(coarse.low, voxel, halved(occupied, shape))
     return fine, sample_vertices(coarse, values, fine)
 
 

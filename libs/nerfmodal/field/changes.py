@@ -1,12 +1,13 @@
 """What changed since frame 0: pixels first, then the part of space that they carve out.
 
 The rig stands still, so a pixel that did not change says nothing new. A place can have changed only if nearly every
-camera that sees it sees a change there: the intersection of the changed silhouettes, as in a visual hull (Laurentini 1994).
+camera that sees it sees a change there: the intersection of the changed silhouettes, as in a visual hull
+(Laurentini 1994).
 """
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, UInt8
 from scipy.ndimage import binary_dilation
 
 from nerfmodal.field.bricks import BLOCKS, Bricks, Occupancy
@@ -15,8 +16,6 @@ from nerfmodal.types import Rig
 
 CHANGE = 10
 """A pixel has changed when one of its channels differs by more than this (of 255)."""
-AGREEMENT = 0.8
-"""Share of the cameras that must see a change at a place that changed (some see only what stands before it)."""
 
 
 def changed_pixels(
@@ -31,23 +30,28 @@ def carved_blocks(
     bricks: Bricks,
     rig: Rig,
     marked: Bool[np.ndarray, "cameras height width"],
+    agreement: float,
+    *,
     voters: Bool[np.ndarray, "cameras height width"] | None = None,
+    within: Occupancy | None = None,
 ) -> Occupancy:
     """Blocks of the grid's whole box that nearly every camera sees in a marked pixel, and their neighbours.
 
-    Pixels outside `voters` (by default none) say neither yes nor no.
+    `agreement` is the share of the cameras that must see it marked (some see only what stands before it). Pixels outside `voters` (by default none) say neither yes nor no. Only blocks of `within` are asked for.
     """
     shape = tuple(BLOCKS * n for n in bricks.slots.shape)
-    votes, seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    asked_for = np.ones(shape, dtype=bool) if within is None else within
     side = 2 * bricks.voxel
-    centers = _block_centers(bricks.low, shape, side)
+    centers = bricks.low + side * (np.argwhere(asked_for) + 0.5)
+    votes, seen = np.zeros(len(centers), np.float32), np.zeros(len(centers), np.float32)
     opinions = np.ones_like(marked) if voters is None else voters
     for camera, mask, asked in zip(rig.cameras, marked, opinions, strict=True):
         pixels, depths = project(camera, centers)
         radius = 0.5 * side * camera.focal_x / max(float(np.median(np.abs(depths))), 1e-6)
         grown = _grow(mask, round(radius))
-        _vote(pixels, depths, grown, asked, votes.reshape(-1), seen.reshape(-1))
-    hull = votes >= AGREEMENT * np.maximum(seen, 1.0)
+        _vote(pixels, depths, grown, asked, votes, seen)
+    hull = np.zeros(shape, dtype=bool)
+    hull[asked_for] = votes >= agreement * np.maximum(seen, 1.0)
     return np.asarray(binary_dilation(hull, np.ones((3, 3, 3), dtype=bool)))
 
 
@@ -55,11 +59,6 @@ def _grow(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarra
     if pixels < 1:
         return mask
     return np.asarray(binary_dilation(mask, np.ones((2 * pixels + 1, 2 * pixels + 1), dtype=bool)))
-
-
-def _block_centers(low: Float[np.ndarray, " 3"], shape: tuple[int, ...], side: float) -> Float[np.ndarray, "blocks 3"]:
-    axes = [low[axis] + side * (np.arange(count) + 0.5) for axis, count in enumerate(shape)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 @numba.njit(cache=True)

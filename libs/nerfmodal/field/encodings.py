@@ -1,6 +1,7 @@
 """Positional encoding (eq 4-7): a coordinate becomes sines and cosines of doubling frequencies.
 
-Angles are in radians; positions are scaled to [-1, 1] by the caller (the paper's p). Tancik et al. 2020, Vaswani et al. 2017.
+Angles are in radians; positions are scaled to [-1, 1] by the caller (the paper's p).
+Tancik et al. 2020, Vaswani et al. 2017.
 """
 
 import torch

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int, UInt8
 
 from nerfmodal.errors import TrainingDiverged
 from nerfmodal.field import kernels
-from nerfmodal.field.bricks import Bricks, allocate, brick_counts, refine, seen_blocks, with_masks
+from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine, seen_blocks, with_masks
 from nerfmodal.field.views import CELL, Views, pixels_at
 
 OUTER_BRICKS = 12
@@ -84,6 +84,11 @@ def empty_field(low: np.ndarray, high: np.ndarray, voxel: float, ground: float |
     )
 
 
+def _silent(done: int, loss: float) -> None:
+    """Say nothing."""
+    del done, loss
+
+
 def train(
     field: GridField,
     views: Views,
@@ -97,11 +102,12 @@ def train(
     decay: float = DECAY,
     limit: float = 10.0,
     progress: tuple[float, float] = (0.0, 1.0),
-    told: Told = lambda done, loss: None,
+    told: Told = _silent,
 ) -> tuple[float, Float[np.ndarray, " blocks"]]:
     """Change `field.values` in place for a number of iterations.
 
-    Returns the smoothed loss and, for every block of every brick, the largest weight that a sample in it had in the second half.
+    Returns the smoothed loss and, for every block of every brick, the largest weight that a sample in it had in the
+    second half.
 
     Without `backgrounds` the outer grid is trained too. `progress` is the part of the whole schedule that this is.
     """
@@ -160,12 +166,12 @@ def train(
 
 def pruned(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
     """The field with only the blocks that rays saw, and their neighbours, so that rays jump over the others."""
-    return replace(field, bricks=with_masks(field.bricks, seen_blocks(field.bricks, seen, VISIBLE_WEIGHT)))
+    return replace(field, bricks=with_masks(field.bricks, grown(seen_blocks(field.bricks, seen, VISIBLE_WEIGHT))))
 
 
 def refined(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
     """The field with half the voxel, and vertices only near what rays saw."""
-    occupied = seen_blocks(field.bricks, seen, VISIBLE_WEIGHT)
+    occupied = grown(seen_blocks(field.bricks, seen, VISIBLE_WEIGHT))
     bricks, inner = refine(field.bricks, field.values[: field.bricks.rows], field.high, occupied)
     return replace(field, bricks=bricks, values=np.concatenate([inner, field.values[field.bricks.rows :]]))
 

@@ -1,7 +1,7 @@
 """How the grid field is trained: frame 0 coarse to fine, further frames where they changed.
 
-A warm start keeps a ghost of frame 0 in every place that the structure left. Therefore a further frame first forgets all
-that may have changed (`changes`), and learns it anew from rays that pass there; everything else stays as it was.
+A warm start keeps a ghost of frame 0 in every place that the structure left. Therefore a further frame first
+forgets all that may have changed (`changes`), and learns it anew from rays that pass there; all else stays as it was.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,17 @@ from jaxtyping import Bool, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
 from nerfmodal.field.beyond import lay_ground
-from nerfmodal.field.bricks import Bricks, allocate, sample_vertices, unpack, with_masks
+from nerfmodal.field.bricks import (
+    BLOCKS,
+    Bricks,
+    allocate,
+    grown,
+    halved,
+    sample_vertices,
+    seen_blocks,
+    unpack,
+    with_masks,
+)
 from nerfmodal.field.changes import carved_blocks, changed_pixels
 from nerfmodal.field.grid import START_RAW, GridField, Rates, Told, empty_field, pruned, refined, render, train
 from nerfmodal.field.kernels import ROWS_PER_BRICK
@@ -20,7 +30,7 @@ from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.types import Frame
 
 BEYOND = 0.2
-"""Share of the iterations in which only what lies beyond the region learns: else fog within it would learn the floor."""
+"""Share of the iterations in which only what lies beyond the region learns: else fog would learn the floor."""
 BEYOND_RATES = Rates(color=0.02, final=0.1)
 BEYOND_LIMIT = 0.03
 UNEXPLAINED = 0.12
@@ -31,8 +41,12 @@ LEVELS = (0.1, 0.15, 0.2, 0.3)
 """Share of the iterations of each level; the voxel halves between two."""
 DECAYS = (3e-3, 3e-3, 1e-3, 1e-4)
 """Pull towards emptiness at each level: fog clears while the voxels are large, thin leaves keep their opacity."""
-TUNE_LEVELS = ((2, 0.4, 1e-3), (1, 0.6, 3e-4))
-"""Of a further frame: voxel (in the finest), share of the iterations, pull towards emptiness."""
+PLANT_AGREEMENT, CHANGE_AGREEMENT = 0.8, 0.9
+"""Share of the cameras that must see the plant, or a change, where it is looked for."""
+COARSE_SHARE = 0.4
+"""Share of a further frame's iterations with voxels twice as large."""
+COARSE_DECAY, FINE_DECAY = 1e-3, 3e-4
+FOUND_WEIGHT = 0.1
 RING = 9
 INSIDE = 0.75
 NOWHERE = np.empty((0, 0, 0), np.int32)
@@ -50,7 +64,7 @@ class Schedule:
 
     iterations: int
     rays: int
-    rates: Rates = Rates()
+    rates: Rates
 
 
 def fit(
@@ -79,7 +93,7 @@ def fit(
     silhouettes = None if ground is None else unexplained(clear, views)
     for level, (share, decay) in enumerate(zip(LEVELS, DECAYS, strict=True)):
         if silhouettes is not None:
-            hull = carved_blocks(field.bricks, frame.rig, *silhouettes)
+            hull = carved_blocks(field.bricks, frame.rig, silhouettes[0], PLANT_AGREEMENT, voters=silhouettes[1])
             field = restricted(field, hull)
         if level == 0 and silhouettes is not None:
             draw = _focused(np.flatnonzero(silhouettes[0] | ~silhouettes[1]), views.pixels, schedule.rays, rng)
@@ -118,7 +132,7 @@ def restricted(field: GridField, occupied: Bool[np.ndarray, "x y z"]) -> GridFie
 def unexplained(
     clear: GridField, views: Views
 ) -> tuple[Bool[np.ndarray, "cameras height width"], Bool[np.ndarray, "cameras height width"]]:
-    """Pixels that ground and sky alone miss, and pixels whose ray falls to the ground: only those are to be believed."""
+    """Pixels that ground and sky alone miss, and pixels whose ray falls to the ground: only those are believed."""
     missed = np.empty(views.images.shape[:3], bool)
     falls = np.empty(views.images.shape[:3], bool)
     per_camera = int(np.prod(views.images.shape[1:3]))
@@ -178,25 +192,42 @@ def fine_tune(
     if not changed.any():
         return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE), 0.0
     draw = _changed_rays(changed, schedule.rays, rng)
-    field, done, loss = parent, 0, 0.0
-    for scale, share, decay in TUNE_LEVELS:
-        hull = carved_blocks(scaled_bricks(parent.bricks, scale), frame.rig, changed)
-        field, trainable = forget(parent, field if done else None, hull, scale)
-        count = round(share * schedule.iterations)
-        loss, seen = train(
-            field,
-            views,
-            backgrounds,
-            draw,
-            count,
-            rng,
-            rates=schedule.rates,
-            trainable=trainable,
-            decay=decay,
-            progress=(done / schedule.iterations, (done + count) / schedule.iterations),
-            told=_shifted(told, done),
-        )
-        done += count
+    coarse = scaled_bricks(parent.bricks, 2)
+    hull = carved_blocks(coarse, frame.rig, changed, CHANGE_AGREEMENT)
+    field, trainable = forget(parent, None, hull, 2)
+    count = round(COARSE_SHARE * schedule.iterations)
+    middle = count / schedule.iterations
+    _, seen = train(
+        field,
+        views,
+        backgrounds,
+        draw,
+        count,
+        rng,
+        rates=schedule.rates,
+        trainable=trainable,
+        decay=COARSE_DECAY,
+        progress=(0.0, middle),
+        told=told,
+    )
+    shape = tuple(BLOCKS * n for n in parent.bricks.slots.shape)
+    candidates = halved(hull, shape)
+    found = halved(seen_blocks(field.bricks, seen, FOUND_WEIGHT) & unpack(trainable, field.bricks.slots), shape)
+    fine = carved_blocks(parent.bricks, frame.rig, changed, CHANGE_AGREEMENT, within=candidates) & grown(found)
+    field, trainable = forget(parent, field, fine, 1, gone=candidates)
+    loss, _ = train(
+        field,
+        views,
+        backgrounds,
+        draw,
+        schedule.iterations - count,
+        rng,
+        rates=schedule.rates,
+        trainable=trainable,
+        decay=FINE_DECAY,
+        progress=(middle, 1.0),
+        told=_shifted(told, count),
+    )
     return field, loss
 
 
@@ -223,14 +254,20 @@ def scaled_bricks(bricks: Bricks, scale: int) -> Bricks:
 
 
 def forget(
-    parent: GridField, known: GridField | None, hull: Bool[np.ndarray, "x y z"], scale: int
+    parent: GridField,
+    known: GridField | None,
+    hull: Bool[np.ndarray, "x y z"],
+    scale: int,
+    gone: Bool[np.ndarray, "x y z"] | None = None,
 ) -> tuple[GridField, np.ndarray]:
     """The parent's inner field at `scale`, with the blocks of `hull` as in `known`, or unknown when it is None.
 
-    Returns the field, and the blocks of `hull` as bits of its bricks.
+    Of the parent nothing is kept in the blocks `gone`. Returns the field, and the blocks of `hull` as bits.
     """
     old = parent.bricks
     own = unpack(old.masks, old.slots)
+    if gone is not None:
+        own = own & ~gone
     if scale > 1:
         own = _any_of(own, scale, hull.shape)
     bricks = allocate(old.low, old.voxel * scale, own | hull)

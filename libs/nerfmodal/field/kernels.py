@@ -5,8 +5,8 @@ Lengths are in voxels and densities per voxel, so that a step's opacity does not
 (post-activation, as in DVGO, Sun et al. 2022: the surface may then be sharper than the voxel).
 
 Space is cut into bricks of 8 x 8 x 8 vertices; `bricks` holds the slot of each or -1, `masks` one bit for each of its
-4 x 4 x 4 blocks of 2 x 2 x 2 cells: rays jump over what is not set. Two grids share `values`: the inner one (the region,
-linear) and the outer one (everything else, contracted as in mip-NeRF 360, Barron et al. 2022).
+4 x 4 x 4 blocks of 2 x 2 x 2 cells: rays jump over what is not set. The inner grid (the region) shares `values` with
+what lies beyond: ground and sky, or an outer grid (contracted as in mip-NeRF 360, Barron et al. 2022).
 
 Results do not depend on the number of threads: rays are cut into a fixed number of chunks with gradients of their own,
 which are added in order.
@@ -85,7 +85,7 @@ def to_exit(x, y, z, dx, dy, dz, size):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, fastmath=True)
 def gather(bricks, base, values, x, y, z, rows, weights, samples, n):  # type: ignore[no-untyped-def]
-    """Interpolate at a point: keep rows and weights of its eight corners; raw density and colour in `samples[n, 3:7]`."""
+    """Interpolate at a point: keep its eight corners' rows and weights; raw density and colour in `samples[n, 3:7]`."""
     i, j, k = int(x), int(y), int(z)
     a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
     raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)

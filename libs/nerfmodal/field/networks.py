@@ -1,7 +1,7 @@
 """The paper's network (Fig. 1; Mildenhall et al. 2021).
 
-Nine layers of 256, ReLU; the encoded position joins again at the fifth; the ninth also gives the density; a tenth of 128
-takes the direction; a sigmoid gives the colour.
+Nine layers of 256, ReLU; the encoded position joins again at the fifth; the ninth also gives the density; a tenth of
+128 takes the direction; a sigmoid gives the colour.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""One loop over frames for both fields: `fit` frame 0, `fine_tune` every frame from its checkpoint, `look` at the result.
+"""One loop over frames for both fields: `fit` frame 0, `fine_tune` every frame from its checkpoint, then look at it.
 
 A checkpoint is arrays only. That of frame 0 also holds the still backgrounds; those of the frames hold what differs.
 """

@@ -2,14 +2,17 @@
 
 from collections.abc import Callable
 
-from nerfmodal.simulate.motion import frame_times, plant_of, true_modes, vertices_at
+from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.simulate.motion import check_organs, frame_times, plant_of, true_modes, vertices_at
 from nerfmodal.simulate.plants import Plant, acai
+from nerfmodal.simulate.stage import check_rig
 from nerfmodal.spec import Box, OrganSpec, SimulationSource
 from nerfmodal.types import Frame
 
 __all__ = [
     "Plant",
     "acai",
+    "check_source",
     "default_organs",
     "default_region",
     "frame_times",
@@ -32,6 +35,13 @@ def render_frame(source: SimulationSource, index: int, seed: int, *, report: Cal
     from nerfmodal.simulate import preview
 
     return preview.render_frame(source, index, seed, report=report)
+
+
+def check_source(source: SimulationSource) -> None:
+    """Refuse modes of organs that do not exist and cameras that cannot be: `InvalidSpec` with the key."""
+    plant = plant_of(source)
+    check_organs(source, plant)
+    check_rig(semi_spherical_rig(source.rig), plant)
 
 
 def default_region(source: SimulationSource) -> Box:
