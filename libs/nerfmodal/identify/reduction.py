@@ -59,19 +59,19 @@ def _reduce(rows: np.ndarray, orthogonal: np.ndarray | None, rank: int | None) -
     mean = rows[seen].mean(axis=0)
     left, singular, right = np.linalg.svd(rows[seen] - mean, full_matrices=False)
     kept = len(singular) if rank is None else min(rank, len(singular))
+    signs = _signs(left[:, :kept])
+    directions = right[:kept].T * signs
     scores = np.full((len(rows), kept), np.nan)
-    scores[seen] = left[:, :kept] * singular[:kept]  # eq 12: eta = D U_r = V_r S_r
-    components, signs = _fix_signs(right[:kept].T if orthogonal is None else orthogonal @ right[:kept].T)
+    scores[seen] = left[:, :kept] * (singular[:kept] * signs)  # eq 12: eta = D U_r = V_r S_r
     return Reduction(
-        components=components,
-        scores=scores * signs,
+        components=directions if orthogonal is None else orthogonal @ directions,
+        scores=scores,
         singular_values=singular,
         mean=mean if orthogonal is None else orthogonal @ mean,
     )
 
 
-def _fix_signs(components: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The largest element of every component positive: the SVD leaves the sign open."""
-    largest = np.argmax(np.abs(components), axis=0)
-    signs = np.where(components[largest, np.arange(components.shape[1])] < 0, -1.0, 1.0)
-    return components * signs, signs
+def _signs(scores: np.ndarray) -> np.ndarray:
+    """The largest score of every component is positive: the SVD leaves the sign open."""
+    largest = np.argmax(np.abs(scores), axis=0)
+    return np.where(scores[largest, np.arange(scores.shape[1])] < 0, -1.0, 1.0)
