@@ -88,7 +88,7 @@ def test_random_kills_lose_and_double_nothing(tmp_path: Path, seed: int) -> None
         scans = [service.submit(toy_spec(frames=4, seed=number)) for number in range(2)]
         suffer_for(FAULTS_S, hired, chance)
         for scan_id in scans:
-            assert service.end_of(scan_id, 60).state == "succeeded"
+            assert service.end_of(scan_id).state == "succeeded"
         assert service.violations() == ()
 
 
@@ -103,7 +103,7 @@ def test_operator_drains_a_worker(tmp_path: Path) -> None:
         assert worker.wait(15) == 0
         assert service.step(scan_id, TRAIN, -1).attempt == 0
         with worker_process(settings):
-            assert service.end_of(scan_id, 30).state == "succeeded"
+            assert service.end_of(scan_id).state == "succeeded"
         assert service.violations() == ()
 
 

@@ -57,7 +57,7 @@ def fill_in_mid_scan(settings: Settings, disk: Path, seconds: float) -> None:
         time.sleep(seconds)
         assert service.scan(scan_id).state == "running", "a database on a full disk can still be read"
         ballast.unlink()
-        assert service.end_of(scan_id, 60).state == "succeeded"
+        assert service.end_of(scan_id).state == "succeeded"
         assert_each_accepted_once(service, scan_id)
 
 

@@ -59,7 +59,7 @@ class Service:
         with self.store.read() as session:
             return repository.get_scan(session, scan_id)
 
-    def wait(self, what: Callable[[], bool], seconds: float = 30.0) -> None:
+    def wait(self, what: Callable[[], bool], seconds: float = 60.0) -> None:
         """Until `what` holds."""
         deadline = time.monotonic() + seconds
         while not what():
@@ -67,7 +67,7 @@ class Service:
                 raise TimeoutError("what the test waits for did not happen")
             time.sleep(0.05)
 
-    def end_of(self, scan_id: str, seconds: float = 30.0) -> Scan:
+    def end_of(self, scan_id: str, seconds: float = 90.0) -> Scan:
         """Wait for the scan to end."""
         self.wait(lambda: self.scan(scan_id).state in TERMINAL_SCAN_STATES, seconds)
         return self.scan(scan_id)
@@ -85,7 +85,7 @@ class Service:
         with self.store.read() as session:
             return repository.list_steps(session, scan)
 
-    def runner_of(self, scan_id: str, kind: str, frame: int, *, seconds: float = 20.0, mark: Path | None = None) -> int:
+    def runner_of(self, scan_id: str, kind: str, frame: int, *, seconds: float = 60.0, mark: Path | None = None) -> int:
         """Wait until a process computes the step (and has left its mark, if it does); its id."""
         pids: list[int] = []
 

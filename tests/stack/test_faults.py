@@ -26,7 +26,7 @@ def has_finished(service: Service, scan_id: str, count: int) -> bool:
 
 def assert_all_done_once(service: Service, scan_id: str) -> None:
     """Every step has succeeded with its first token, and the database is sound."""
-    assert service.end_of(scan_id, 60).state == "succeeded"
+    assert service.end_of(scan_id).state == "succeeded"
     assert {step.token for step in service.steps(scan_id)} == {1}
     assert service.violations() == ()
 
@@ -62,8 +62,8 @@ def test_redis_killed_and_restarted_empty_is_only_delay(settings: Settings, redi
         assert time.monotonic() - began < 1.0
         time.sleep(3.0)
         redis.start()
-        assert service.end_of(scan_id, 90).state == "succeeded"
-        assert service.end_of(other, 90).state == "succeeded"
+        assert service.end_of(scan_id).state == "succeeded"
+        assert service.end_of(other).state == "succeeded"
         assert service.violations() == ()
 
 
@@ -95,7 +95,7 @@ def test_killed_worker_on_redis_is_replaced(settings: Settings) -> None:
             first.signal(signal.SIGKILL)
             first.wait(5)
         with worker_process(settings):
-            assert service.end_of(scan_id, 60).state == "succeeded"
+            assert service.end_of(scan_id).state == "succeeded"
         assert {step.token for step in service.steps(scan_id) if step.id in finished} == {1}
         assert service.violations() == ()
 
@@ -107,7 +107,7 @@ def test_postgres_restarted_twice_loses_nothing(settings: Settings, postgres: Po
         for finished in (2, 6):
             service.wait(partial(has_finished, service, scan_id, finished))
             postgres.restart_at_once()
-        assert service.end_of(scan_id, 60).state == "succeeded"
+        assert service.end_of(scan_id).state == "succeeded"
         assert service.violations() == ()
 
 
@@ -126,7 +126,7 @@ def test_cancels_race_with_finishes(settings: Settings) -> None:
             thread.start()
         for thread in threads:
             thread.join()
-        assert {service.end_of(scan_id, 60).state for scan_id in ids} <= {"canceled", "succeeded"}
+        assert {service.end_of(scan_id).state for scan_id in ids} <= {"canceled", "succeeded"}
         assert service.violations() == ()
 
 

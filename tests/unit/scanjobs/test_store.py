@@ -18,10 +18,13 @@ def counter(session: Session) -> None:
     session.execute(insert(Artifact).values(row))
 
 
-def test_no_increment_is_lost_among_threads(store: Store) -> None:
+def test_no_increment_is_lost_among_threads_and_none_has_to_be_repeated(store: Store) -> None:
+    """Guard: BEGIN IMMEDIATE; after a plain BEGIN two readers cannot both become writers."""
     store.write(counter)
+    begun: list[int] = []
 
     def increment(session: Session) -> None:
+        begun.append(1)
         size = session.scalars(select(Artifact.size)).one()
         session.execute(update(Artifact).values(size=size + 1))
 
@@ -36,6 +39,7 @@ def test_no_increment_is_lost_among_threads(store: Store) -> None:
         thread.join()
     with store.read() as session:
         assert session.scalars(select(Artifact.size)).one() == 60
+    assert len(begun) == 60
 
 
 def test_error_in_a_write_undoes_it(store: Store) -> None:

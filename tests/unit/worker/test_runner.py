@@ -68,7 +68,7 @@ def test_it_ends_when_its_supervisor_closes_the_pipe(runner: Process, tmp_path: 
     began = time.monotonic()
     runner.stdin.close()
     assert runner.wait(5) == 0
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 3.0
 
 
 def test_stop_ends_the_step_and_the_runner_takes_the_next(runner: Process, tmp_path: Path) -> None:
