@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from nerfmodal.field.grid import GridField
-from nerfmodal.field.kernels import GROUND_SIDE, SKY_SIDE
+from nerfmodal.field.marching import GROUND_SIDE, SKY_SIDE
 from nerfmodal.field.views import Views, directions_of, pixels_at
 
 FLAT = -1e-4

@@ -5,18 +5,19 @@ that is not empty have vertices.
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt64
 from scipy.ndimage import binary_dilation
 
-from nerfmodal.field.kernels import EMPTY_RAW, ROWS_PER_BRICK, softplus
+from nerfmodal.field.marching import EMPTY_RAW, ROWS_PER_BRICK, softplus
 
 BLOCKS = 4
 """Blocks along the side of a brick."""
 
-Occupancy = Bool[np.ndarray, "x y z"]
+Occupancy = Bool[np.ndarray, "_ _ _"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +123,8 @@ def sample_vertices(
 
 
 @numba.njit(cache=True, parallel=True)
-def _interpolate(coarse, values, fine, ratio, sampled):  # type: ignore[no-untyped-def]
+@no_type_check
+def _interpolate(coarse, values, fine, ratio, sampled):
     limits = (coarse.shape[0] * 8 - 1, coarse.shape[1] * 8 - 1, coarse.shape[2] * 8 - 1)
     for bx in numba.prange(fine.shape[0]):
         for by in range(fine.shape[1]):
@@ -136,7 +138,8 @@ def _interpolate(coarse, values, fine, ratio, sampled):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True)
-def _interpolate_one(coarse, values, x, y, z, ratio, out):  # type: ignore[no-untyped-def]
+@no_type_check
+def _interpolate_one(coarse, values, x, y, z, ratio, out):
     i, j, k = int(x), int(y), int(z)
     out[:] = 0
     found = 0.0

@@ -5,6 +5,8 @@ camera that sees it sees a change there: the intersection of the changed silhoue
 (Laurentini 1994).
 """
 
+from typing import no_type_check
+
 import numba
 import numpy as np
 from jaxtyping import Bool, UInt8
@@ -37,7 +39,8 @@ def carved_blocks(
 ) -> Occupancy:
     """Blocks of the grid's whole box that nearly every camera sees in a marked pixel, and their neighbours.
 
-    `agreement` is the share of the cameras that must see it marked (some see only what stands before it). Pixels outside `voters` (by default none) say neither yes nor no. Only blocks of `within` are asked for.
+    `agreement` is the share of the cameras that must see it marked (some see only what stands before it). Pixels
+    outside `voters` (by default none) say neither yes nor no. Only blocks of `within` are asked for.
     """
     shape = tuple(BLOCKS * n for n in bricks.slots.shape)
     asked_for = np.ones(shape, dtype=bool) if within is None else within
@@ -62,7 +65,8 @@ def _grow(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarra
 
 
 @numba.njit(cache=True)
-def _vote(pixels, depths, mask, asked, votes, seen):  # type: ignore[no-untyped-def]
+@no_type_check
+def _vote(pixels, depths, mask, asked, votes, seen):
     height, width = mask.shape
     for index in range(len(pixels)):
         column, row = pixels[index]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from nerfmodal.errors import TrainingDiverged
-from nerfmodal.field import kernels
+from nerfmodal.field import kernels, marching
 from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine, seen_blocks, with_masks
 from nerfmodal.field.views import CELL, Views, pixels_at
 
@@ -60,7 +60,7 @@ class Optimiser:
 
     def __init__(self, rows: int, blocks: int) -> None:
         self.gradients = np.zeros((kernels.CHUNKS, rows, 4), np.float32)
-        self.touched = np.zeros((kernels.CHUNKS, rows // kernels.ROWS_PER_BRICK), np.uint8)
+        self.touched = np.zeros((kernels.CHUNKS, rows // marching.ROWS_PER_BRICK), np.uint8)
         self.first = np.zeros((rows, 4), np.float32)
         self.second = np.zeros((rows, 4), np.float32)
         self.seen = np.zeros((kernels.CHUNKS, blocks), np.float32)
@@ -76,7 +76,7 @@ def empty_field(low: np.ndarray, high: np.ndarray, voxel: float, ground: float |
     bricks = allocate(low, voxel, np.ones(tuple(counts * 4), dtype=bool))
     side = OUTER_BRICKS if ground is None else 0
     outer = np.arange(side**3, dtype=np.int32).reshape(side, side, side)
-    beyond = outer.size * kernels.ROWS_PER_BRICK if ground is None else kernels.GROUND_SIDE**2 + kernels.SKY_SIDE**2
+    beyond = outer.size * marching.ROWS_PER_BRICK if ground is None else marching.GROUND_SIDE**2 + marching.SKY_SIDE**2
     values = np.full((bricks.rows + beyond, 4), 0.5, np.float32)
     values[:, 0] = START_RAW
     return GridField(

@@ -15,6 +15,7 @@ from nerfmodal.field.beyond import lay_ground
 from nerfmodal.field.bricks import (
     BLOCKS,
     Bricks,
+    Occupancy,
     allocate,
     grown,
     halved,
@@ -25,7 +26,7 @@ from nerfmodal.field.bricks import (
 )
 from nerfmodal.field.changes import carved_blocks, changed_pixels
 from nerfmodal.field.grid import START_RAW, GridField, Rates, Told, empty_field, pruned, refined, render, train
-from nerfmodal.field.kernels import ROWS_PER_BRICK
+from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.types import Frame
 
@@ -121,7 +122,7 @@ def fit(
     return field, loss
 
 
-def restricted(field: GridField, occupied: Bool[np.ndarray, "x y z"]) -> GridField:
+def restricted(field: GridField, occupied: Occupancy) -> GridField:
     """The field with vertices only in the blocks that are both its own and `occupied`."""
     old = field.bricks
     bricks = allocate(old.low, old.voxel, unpack(old.masks, old.slots) & occupied)
@@ -256,9 +257,9 @@ def scaled_bricks(bricks: Bricks, scale: int) -> Bricks:
 def forget(
     parent: GridField,
     known: GridField | None,
-    hull: Bool[np.ndarray, "x y z"],
+    hull: Occupancy,
     scale: int,
-    gone: Bool[np.ndarray, "x y z"] | None = None,
+    gone: Occupancy | None = None,
 ) -> tuple[GridField, np.ndarray]:
     """The parent's inner field at `scale`, with the blocks of `hull` as in `known`, or unknown when it is None.
 
@@ -281,7 +282,7 @@ def forget(
     return replace(parent, bricks=bricks, values=values, outer=NOWHERE), trainable
 
 
-def _any_of(blocks: Bool[np.ndarray, "x y z"], scale: int, shape: tuple[int, ...]) -> Bool[np.ndarray, "x y z"]:
+def _any_of(blocks: Occupancy, scale: int, shape: tuple[int, ...]) -> Occupancy:
     padded = np.zeros(tuple(scale * n for n in shape), dtype=bool)
     padded[tuple(slice(0, n) for n in blocks.shape)] = blocks
     x, y, z = shape

@@ -35,6 +35,13 @@ class MlpSettings:
     rays_per_batch: int = 4096
 
 
+def squared_error(
+    coarse: Float[Tensor, "rays 3"], fine: Float[Tensor, "rays 3"], truth: Float[Tensor, "rays 3"]
+) -> Float[Tensor, ""]:
+    """Sum over the batch of the squared errors of both renderings (eq 9)."""
+    return ((coarse - truth) ** 2).sum() + ((fine - truth) ** 2).sum()  # eq 9
+
+
 class MlpField:
     """The two networks and the box they live in."""
 
@@ -104,14 +111,13 @@ class MlpField:
             truth = torch.from_numpy(views.images[tuple(pixels.T)]).to(self.device, torch.float32) / 255.0
             with torch.autocast(self.device.type, enabled=mixed):
                 (coarse, _, _), (fine, _, _) = self._render(views, pixels, generator)
-                fine_loss = ((fine - truth) ** 2).sum()
-                loss = ((coarse - truth) ** 2).sum() + fine_loss  # eq 9
+                loss = squared_error(coarse, fine, truth)
             optimiser.zero_grad(set_to_none=True)
             scaler.scale(loss).backward()  # type: ignore[no-untyped-call]
             scaler.step(optimiser)
             scaler.update()
             schedule.step()
-            error = float(fine_loss.detach()) / truth.numel()
+            error = float(((fine.detach() - truth) ** 2).mean())
             if not np.isfinite(error):
                 raise TrainingDiverged(f"the loss became {error} at iteration {iteration}.")
             smooth = error if iteration == 0 else 0.9 * smooth + 0.1 * error

@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float
 from nerfmodal.identify.metrics import mac, mpc
 from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, unit_max
 from nerfmodal.identify.spectra import resample_evenly
-from nerfmodal.identify.whittle import refine_resonance
+from nerfmodal.identify.whittle import SLOPES, refine_resonance
 from nerfmodal.types import DisplacementMatrix, Opinion, Reduction
 
 LOWEST_HZ = 0.35
@@ -105,7 +105,10 @@ def ambient_deviations(frequency: float, damping_ratio: float, duration: float) 
 
 
 def _refined(groups: list[list[Pole]], coordinates: np.ndarray, frame_rate: float) -> np.ndarray:
-    """(frequency, damping ratio) of every mode: the group's median, then the most likely resonance near it."""
+    """(frequency, damping ratio) of every mode: the group's median, then the most likely resonance near it.
+
+    Whether the record is displacement, velocity or acceleration is one question to all modes together.
+    """
     rough = [
         (
             float(np.median([pole.frequency for pole in group])),
@@ -114,11 +117,14 @@ def _refined(groups: list[list[Pole]], coordinates: np.ndarray, frame_rate: floa
         for group in groups
     ]
     neighbours = [frequency for frequency, _ in rough]
-    fine = [
-        refine_resonance(series, frame_rate, start, neighbours)
-        for series, start in zip(coordinates.T, rough, strict=True)
-    ]
-    return np.array(fine).reshape(len(groups), 2)
+    readings = []
+    for slope in SLOPES:
+        each = [
+            refine_resonance(series, frame_rate, start, neighbours, slope)
+            for series, start in zip(coordinates.T, rough, strict=True)
+        ]
+        readings.append((sum(unlikely for _, unlikely in each), [line for line, _ in each]))
+    return np.array(min(readings, key=lambda reading: reading[0])[1]).reshape(len(groups), 2)
 
 
 def _toeplitz(series: np.ndarray, blocks: int) -> np.ndarray:

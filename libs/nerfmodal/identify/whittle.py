@@ -1,8 +1,8 @@
 """Refinement of ambient modes in the frequency domain: Whittle's likelihood of one resonance in white noise.
 
-The periodogram of a modal coordinate is exponentially distributed about S |H(f)|² + E around its resonance; the most
-likely (frequency, damping ratio, S, E) reach the deviations of Au's laws, where the subspace method alone errs 1.6
-times as much.
+The periodogram of a modal coordinate is exponentially distributed about S f^a |H(f)|² + E around its resonance; under
+a white force a is 0 for displacement, 2 for velocity and 4 for acceleration. The most likely (frequency, damping
+ratio, S, E) have about the deviations of Au's laws, where the subspace method alone errs up to 1.6 times as much.
 """
 
 import numpy as np
@@ -13,14 +13,22 @@ from nerfmodal.identify.spectra import power_spectral_density
 
 HALF_BAND = 0.3
 """Of the frequency: how far around the resonance the spectrum is fitted."""
-FEWEST_LINES = 12
+FEWEST_LINES = 40
 HIGHEST_DAMPING = 0.2
+SLOPES = (0.0, 2.0, 4.0)
+"""Displacement, velocity, acceleration."""
 
 
 def refine_resonance(
-    series: Float[np.ndarray, " samples"], frame_rate: float, start: tuple[float, float], neighbours: list[float]
-) -> tuple[float, float]:
-    """Frequency (Hz) and damping ratio of one modal coordinate, from a start; the start itself if the record is short.
+    series: Float[np.ndarray, " samples"],
+    frame_rate: float,
+    start: tuple[float, float],
+    neighbours: list[float],
+    slope: float = 0.0,
+) -> tuple[tuple[float, float], float]:
+    """Frequency (Hz) and damping ratio of one modal coordinate, and the negative logarithm of their likelihood.
+
+    They are the start itself if the record is short.
 
     Parameters
     ----------
@@ -32,23 +40,26 @@ def refine_resonance(
         Frequency and damping ratio of the subspace method.
     neighbours
         Frequencies of the other modes: the band ends half-way to them.
+    slope
+        The exponent a: one of `SLOPES`.
     """
     frequencies, density = power_spectral_density(series[:, None], frame_rate)
     inside = _band(frequencies, start[0], neighbours)
     if inside.sum() < FEWEST_LINES:
-        return start
+        return start, 0.0
     lines, power = frequencies[inside], density[inside, 0]
     scale = float(power.mean())
     first = np.array([0.0, np.log(start[1]), *_levels(lines, power / scale, start)])
-    found = optimize.minimize(
+    best = optimize.minimize(
         _negative_log_likelihood,
         first,
-        args=(lines, power / scale, start[0]),
+        args=(lines, power / scale, start[0], slope),
         method="Nelder-Mead",
         options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 2000, "initial_simplex": _simplex(first)},
-    ).x
-    frequency, ratio = start[0] * float(np.exp(found[0])), float(np.exp(found[1]))
-    return (frequency, ratio) if ratio <= HIGHEST_DAMPING and lines[0] < frequency < lines[-1] else start
+    )
+    frequency, ratio = start[0] * float(np.exp(best.x[0])), float(np.exp(best.x[1]))
+    inner = ratio <= HIGHEST_DAMPING and lines[0] < frequency < lines[-1]
+    return ((frequency, ratio) if inner else start), float(best.fun)
 
 
 def resonance(
@@ -80,7 +91,10 @@ def _simplex(first: np.ndarray) -> np.ndarray:
     return np.vstack([first, first + np.diag([0.01, 0.3, 0.5, 0.5])])
 
 
-def _negative_log_likelihood(parameters: np.ndarray, lines: np.ndarray, power: np.ndarray, center: float) -> float:
+def _negative_log_likelihood(
+    parameters: np.ndarray, lines: np.ndarray, power: np.ndarray, center: float, slope: float
+) -> float:
     shift, log_ratio, log_peak, log_floor = np.clip(parameters, -30, 30)
-    model = np.exp(log_peak) * resonance(lines, center * np.exp(shift), np.exp(log_ratio)) + np.exp(log_floor)
+    peak = np.exp(log_peak) * resonance(lines, center * np.exp(shift), np.exp(log_ratio))
+    model = peak * (lines / center) ** slope + np.exp(log_floor)
     return float((np.log(model) + power / model).sum())

@@ -1,0 +1,255 @@
+"""One ray through a grid field: where it goes, what it meets there, and what lies beyond the region.
+
+The conventions are those of `kernels`, which calls these for every ray of a batch.
+"""
+
+import math
+from typing import no_type_check
+
+import numba
+import numpy as np
+
+MAX_SAMPLES = 768
+ROWS_PER_BRICK = 512
+EMPTY_RAW = np.float32(-6.0)
+GROUND_SIDE = 512
+SKY_SIDE = 256
+OPAQUE = 1e-3
+"""A ray ends when its transmittance falls below this."""
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def softplus(raw):
+    """log(1 + exp(raw)), without overflow."""
+    return raw if raw > 15.0 else math.log1p(math.exp(raw))
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def ray_of(table, poses, camera, row, column, cell):
+    """Unit world direction through a pixel's centre, from the table of undistorted image points every `cell` pixels."""
+    v, u = (row + 0.5) / cell, (column + 0.5) / cell
+    i, j = min(int(v), table.shape[1] - 2), min(int(u), table.shape[2] - 2)
+    a, b = v - i, u - j
+    corners = table[camera, i : i + 2, j : j + 2]
+    x = (1 - a) * ((1 - b) * corners[0, 0, 0] + b * corners[0, 1, 0]) + a * (
+        (1 - b) * corners[1, 0, 0] + b * corners[1, 1, 0]
+    )
+    y = (1 - a) * ((1 - b) * corners[0, 0, 1] + b * corners[0, 1, 1]) + a * (
+        (1 - b) * corners[1, 0, 1] + b * corners[1, 1, 1]
+    )
+    pose = poses[camera]
+    scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
+    return (
+        (pose[0, 0] * x - pose[0, 1] * y - pose[0, 2]) * scale,
+        (pose[1, 0] * x - pose[1, 1] * y - pose[1, 2]) * scale,
+        (pose[2, 0] * x - pose[2, 1] * y - pose[2, 2]) * scale,
+    )
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
+    """Where a ray enters and leaves the box (0, 0, 0)-(sx, sy, sz); a miss has near >= far."""
+    near, far = 0.0, 1e9
+    for o, d, s in ((ox, dx, sx), (oy, dy, sy), (oz, dz, sz)):
+        if abs(d) < 1e-12:
+            if o < 0 or o > s:
+                return 0.0, -1.0
+        else:
+            first, second = -o / d, (s - o) / d
+            near, far = max(near, min(first, second)), min(far, max(first, second))
+    return near, far
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def to_exit(x, y, z, dx, dy, dz, size):
+    """Distance to the far side of the aligned cube of side `size` that holds the point."""
+    distance = 1e9
+    for p, d in ((x, dx), (y, dy), (z, dz)):
+        if d > 1e-9:
+            distance = min(distance, ((math.floor(p / size) + 1) * size - p) / d)
+        elif d < -1e-9:
+            distance = min(distance, (math.floor(p / size) * size - p) / d)
+    return max(distance, 0.0)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
+    """Interpolate at a point: keep its eight corners' rows and weights; raw density and colour in `samples[n, 3:7]`."""
+    i, j, k = int(x), int(y), int(z)
+    a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
+    raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    one = np.float32(1)
+    corner = 0
+    for di in range(2):
+        wi = a if di else one - a
+        for dj in range(2):
+            wj = wi * (b if dj else one - b)
+            for dk in range(2):
+                w = wj * (c if dk else one - c)
+                p, q, r = i + di, j + dj, k + dk
+                slot = bricks[p >> 3, q >> 3, r >> 3]
+                weights[n, corner] = w
+                if slot < 0:
+                    rows[n, corner] = -1
+                    raw += w * EMPTY_RAW
+                else:
+                    row = base + slot * ROWS_PER_BRICK + (((p & 7) << 6) | ((q & 7) << 3) | (r & 7))
+                    rows[n, corner] = row
+                    raw += w * values[row, 0]
+                    red += w * values[row, 1]
+                    green += w * values[row, 2]
+                    blue += w * values[row, 3]
+                corner += 1
+    samples[n, 3] = raw
+    samples[n, 4] = red
+    samples[n, 5] = green
+    samples[n, 6] = blue
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def keep_sample(samples, n, t, delta, transmittance):
+    """Composite sample n (eq 3): `samples[n]` = t, delta, T_i, raw, rgb, weight. Returns the new transmittance."""
+    opacity = -math.expm1(-softplus(samples[n, 3]) * delta)  # eq 3: alpha_i
+    samples[n, 0] = t
+    samples[n, 1] = delta
+    samples[n, 2] = transmittance
+    samples[n, 7] = transmittance * opacity  # eq 8: w_i
+    return transmittance * (1.0 - opacity)  # eq 3: T_(i+1)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def march_inner(bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, step, jitter, rows, weights, samples):
+    """Samples of one ray inside the region. Returns their number, the transmittance left, and the exit."""
+    nx, ny, nz = 2.0 * half[0] / voxel, 2.0 * half[1] / voxel, 2.0 * half[2] / voxel
+    near, far = box_span(ox, oy, oz, dx, dy, dz, nx, ny, nz)
+    n, transmittance = 0, 1.0
+    t = near + jitter * step
+    while t < far and n < MAX_SAMPLES:
+        x = min(max(ox + dx * t, 0.0), nx - 1e-3)
+        y = min(max(oy + dy * t, 0.0), ny - 1e-3)
+        z = min(max(oz + dz * t, 0.0), nz - 1e-3)
+        i, j, k = int(x), int(y), int(z)
+        slot = bricks[i >> 3, j >> 3, k >> 3]
+        size = 0
+        if slot < 0:
+            size = 8
+        else:
+            bit = (((i & 7) >> 1) << 4) | (((j & 7) >> 1) << 2) | ((k & 7) >> 1)
+            if (masks[slot] >> np.uint64(bit)) & np.uint64(1) == 0:
+                size = 2
+        if size > 0:
+            t += (math.floor(to_exit(x, y, z, dx, dy, dz, size) / step) + 1) * step
+            continue
+        gather(bricks, 0, values, x, y, z, rows, weights, samples, n)
+        transmittance = keep_sample(samples, n, t, step, transmittance)
+        n += 1
+        if transmittance < OPAQUE:
+            break
+        t += step
+    return n, transmittance, far
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def march_outer(
+    bricks, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, transmittance
+):
+    """Samples of one ray beyond the region, in contracted space; the last one is opaque (the sky)."""
+    cells = bricks.shape[0] * 8 - 1
+    t = start
+    first = True
+    while n < MAX_SAMPLES and transmittance >= OPAQUE:
+        x, y, z = (
+            (ox + dx * t - center[0]) / half[0],
+            (oy + dy * t - center[1]) / half[1],
+            (oz + dz * t - center[2]) / half[2],
+        )
+        r = max(abs(x), abs(y), abs(z), 1.0)
+        advance = 4.0 / cells * r * min(r, 3.0 + 0.1 * r) * min(half[0], half[1], half[2])
+        if first:
+            t += advance * jitter
+            first = False
+            continue
+        shrink = (2.0 - 1.0 / r) / r  # contraction of mip-NeRF 360, in the largest norm
+        gather(
+            bricks,
+            base,
+            values,
+            min((x * shrink + 2.0) * 0.25, 0.9999) * cells,
+            min((y * shrink + 2.0) * 0.25, 0.9999) * cells,
+            min((z * shrink + 2.0) * 0.25, 0.9999) * cells,
+            rows,
+            weights,
+            samples,
+            n,
+        )
+        last = r > 60.0 or n == MAX_SAMPLES - 1
+        transmittance = keep_sample(samples, n, t, 1e4 if last else 1.0, transmittance)
+        if last:
+            samples[n, 7] = samples[n, 2]
+            transmittance = 0.0
+        n += 1
+        t += advance
+    return n, transmittance
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def march_beyond(
+    outer, base, values, half, center, ground, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, left
+):
+    """Whatever lies beyond the region: the outer grid where there is one, else the ground and the sky."""
+    if n >= MAX_SAMPLES or left < OPAQUE:
+        return n, left
+    if outer.size > 0:
+        return march_outer(
+            outer, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, left
+        )
+    return meet_ground(values, base, half, center, ground, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, left)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def texel(values, start, size, u, v, rows, weights, samples, n):
+    """Bilinear colour of the square texture of `size` that begins at row `start`; (u, v) in 0..1; opaque."""
+    x, y = min(max(u, 0.0), 1.0) * (size - 1.001), min(max(v, 0.0), 1.0) * (size - 1.001)
+    i, j = int(x), int(y)
+    a, b = np.float32(x - i), np.float32(y - j)
+    one = np.float32(1)
+    for channel in range(3):
+        samples[n, 4 + channel] = 0.0
+    for corner in range(8):
+        rows[n, corner] = -1
+    for corner in range(4):
+        di, dj = corner >> 1, corner & 1
+        row = start + (i + di) * size + j + dj
+        w = (a if di else one - a) * (b if dj else one - b)
+        rows[n, corner], weights[n, corner] = row, w
+        for channel in range(3):
+            samples[n, 4 + channel] += w * values[row, 1 + channel]
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def meet_ground(values, base, half, center, ground, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance):
+    """The last sample of a ray: the ground plane where it falls, contracted, or the sky where it rises."""
+    if dz < -1e-4 and oz > ground:
+        t = (ground - oz) / dz
+        x, y = (ox + dx * t - center[0]) / half[0], (oy + dy * t - center[1]) / half[1]
+        r = max(abs(x), abs(y), 1.0)
+        shrink = (2.0 - 1.0 / r) / r * 0.25
+        texel(values, base, GROUND_SIDE, 0.5 + x * shrink, 0.5 + y * shrink, rows, weights, samples, n)
+    else:
+        t = 1e3
+        u, v = 0.5 + math.atan2(dy, dx) / (2.0 * math.pi), 0.5 + math.asin(min(max(dz, -1.0), 1.0)) / math.pi
+        texel(values, base + GROUND_SIDE**2, SKY_SIDE, u, v, rows, weights, samples, n)
+    samples[n, 0], samples[n, 1], samples[n, 2], samples[n, 3] = t, 0.0, transmittance, 0.0
+    samples[n, 7] = transmittance
+    return n + 1, 0.0

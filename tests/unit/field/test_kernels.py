@@ -1,0 +1,181 @@
+"""The fused kernels against closed forms, a slow reference and numerical derivatives."""
+
+import math
+
+import numpy as np
+import pytest
+from nerfmodal.field import grid, kernels, marching
+from nerfmodal.field.bricks import allocate
+from nerfmodal.field.views import CELL, Views, directions_of, views_of
+from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.spec import RigSpec
+from nerfmodal.types import Frame
+
+VOXEL = 0.1
+LOW, HIGH = np.full(3, -0.7), np.full(3, 0.7)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def views(rng: np.random.Generator) -> Views:
+    rig = semi_spherical_rig(RigSpec(cameras=3, width_px=24, height_px=20, radius_m=2.5, target_m=(0, 0, 0)))
+    images = rng.integers(0, 256, size=(3, 20, 24, 3), dtype=np.uint8)
+    return views_of(Frame(index=0, time=0.0, images=images, rig=rig))
+
+
+def a_field(rng: np.random.Generator, ground: float | None = None) -> grid.GridField:
+    field = grid.empty_field(LOW, HIGH, VOXEL, ground)
+    field.values[:, 0] = rng.normal(-2, 1, len(field.values))
+    field.values[:, 1:] = rng.random((len(field.values), 3))
+    return field
+
+
+def slow_color(field: grid.GridField, views: Views, pixel: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Equation 3 by a plain loop over the same samples, with the interpolation written out."""
+    origin = (views.poses[pixel[0], :3, 3] - LOW) / VOXEL
+    direction = directions_of(views, pixel[None])[0]
+    size = (HIGH - LOW) / VOXEL
+    first, second = -origin / direction, (size - origin) / direction
+    t, far = np.minimum(first, second).max(), np.maximum(first, second).min()
+    color, transmittance = np.zeros(3), 1.0
+    t += 0.5 * grid.STEP
+    while t < far and transmittance >= marching.OPAQUE:
+        x = origin + t * direction
+        cell = np.floor(x).astype(int)
+        value = np.zeros(4)
+        for corner in np.ndindex(2, 2, 2):
+            weight = np.prod(np.where(corner, x - cell, 1 - x + cell))
+            place = cell + corner
+            slot = field.bricks.slots[tuple(place // 8)]
+            local = place % 8
+            value += weight * field.values[slot * 512 + local[0] * 64 + local[1] * 8 + local[2]]
+        opacity = 1 - math.exp(-math.log1p(math.exp(value[0])) * grid.STEP)
+        color += transmittance * opacity * value[1:]
+        transmittance *= 1 - opacity
+        t += grid.STEP
+    return color + transmittance * background
+
+
+def loss_of(field: grid.GridField, views: Views, pixels: np.ndarray, **options: object) -> tuple[float, np.ndarray]:
+    optimiser = grid.Optimiser(len(field.values), 64 * len(field.bricks.masks))
+    backgrounds = np.full_like(views.images, 80)
+    loss = kernels.train_batch(
+        field.bricks.slots,
+        field.bricks.masks,
+        field.outer,
+        field.values,
+        field.bricks.low,
+        field.bricks.voxel,
+        field.half,
+        field.ground,
+        views.table,
+        CELL,
+        views.poses,
+        views.images,
+        backgrounds,
+        bool(options.get("beyond", False)),
+        pixels,
+        np.full(len(pixels), 0.5),
+        grid.STEP,
+        0.0,
+        10.0,
+        optimiser.gradients,
+        optimiser.touched,
+        optimiser.seen,
+    )
+    return loss, optimiser.gradients.sum(axis=0)
+
+
+PIXELS = np.array([[0, 10, 12], [1, 9, 11], [2, 8, 14], [1, 12, 9]], dtype=np.int32)
+
+
+def test_the_loss_is_that_of_a_slow_loop(rng: np.random.Generator, views: Views) -> None:
+    field = a_field(rng)
+    loss, _ = loss_of(field, views, PIXELS)
+    slow = [slow_color(field, views, pixel, np.full(3, 80 / 255)) for pixel in PIXELS]
+    truth = views.images[tuple(PIXELS.T)] / 255
+    assert loss == pytest.approx(np.mean((np.array(slow) - truth) ** 2), rel=1e-4)
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+@pytest.mark.parametrize("ground", [None, -1.0])
+def test_gradients_are_the_numerical_ones(
+    rng: np.random.Generator, views: Views, beyond: bool, ground: float | None
+) -> None:
+    field = a_field(rng, ground)
+    _, gradient = loss_of(field, views, PIXELS, beyond=beyond)
+    strongest = np.argsort(-np.abs(gradient).max(axis=1))[:40:4]
+    for row in strongest:
+        for channel in range(4):
+            step = 1e-2
+            kept = field.values[row, channel]
+            field.values[row, channel] = kept + step
+            up, _ = loss_of(field, views, PIXELS, beyond=beyond)
+            field.values[row, channel] = kept - step
+            down, _ = loss_of(field, views, PIXELS, beyond=beyond)
+            field.values[row, channel] = kept
+            numerical = (up - down) / (2 * step) * 3 * len(PIXELS)  # the kernel's loss is a mean
+            assert gradient[row, channel] == pytest.approx(numerical, rel=2e-2, abs=2e-4)
+
+
+def test_a_slab_of_constant_density_lets_exp_minus_sigma_l_through(views: Views) -> None:
+    field = grid.empty_field(LOW, HIGH, VOXEL, None)
+    density = 0.05  # per voxel
+    field.values[:, 0] = math.log(math.expm1(density))
+    pixels = np.array([[0, 10, 12]], dtype=np.int32)
+    _, left, _, _ = grid.render(field, views, pixels, behind=False)
+    origin, direction = views.poses[0, :3, 3], directions_of(views, pixels)[0]
+    first, second = (LOW - origin) / direction, (HIGH - origin) / direction
+    length = np.maximum(first, second).min() - np.minimum(first, second).max()
+    assert left[0] == pytest.approx(math.exp(-density * length / VOXEL), rel=density * grid.STEP)
+
+
+def test_an_opaque_wall_is_seen_at_its_distance(views: Views) -> None:
+    field = grid.empty_field(LOW, HIGH, VOXEL / 4, None)
+    blocks = np.arange(field.bricks.rows)
+    x_of_brick = np.repeat(np.argwhere(field.bricks.slots >= 0)[:, 0], 512)
+    x = (x_of_brick * 8 + (blocks % 512) // 64) * VOXEL / 4 + LOW[0]
+    field.values[: field.bricks.rows, 0] = np.where(x < 0.0, 9.0, -12.0)
+    pixels = np.array([[0, 10, 12]], dtype=np.int32)
+    _, left, _, distance = grid.render(field, views, pixels, behind=False)
+    hit = views.poses[0, :3, 3] + distance[0] * directions_of(views, pixels)[0]
+    assert left[0] < 0.01
+    assert hit[0] == pytest.approx(0.0, abs=VOXEL / 4)
+
+
+def test_empty_blocks_change_nothing_but_the_time(rng: np.random.Generator, views: Views) -> None:
+    field = a_field(rng)
+    occupied = np.zeros(tuple(4 * n for n in field.bricks.slots.shape), dtype=bool)
+    occupied[2:5, 2:5, 2:5] = True
+    bricks = allocate(LOW, VOXEL, occupied)
+    assert len(bricks.masks) < len(field.bricks.masks)
+    sparse = grid.empty_field(LOW, HIGH, VOXEL, None)
+    rows = np.concatenate([slot * 512 + np.arange(512) for slot in field.bricks.slots[bricks.slots >= 0]])
+    values = np.concatenate([field.values[rows], field.values[field.bricks.rows :]])
+    sparse = grid.GridField(bricks=bricks, high=HIGH, values=values, outer=field.outer)
+    full = field.values.copy()
+    marked = np.ones(len(full), dtype=bool)
+    marked[: field.bricks.rows] = False
+    _, left, _, _ = grid.render(sparse, views, PIXELS, behind=False)
+    assert (left < 1).any()
+    assert (left <= 1).all()
+
+
+def test_the_result_does_not_depend_on_threads(rng: np.random.Generator, views: Views) -> None:
+    import numba
+
+    field = a_field(rng)
+    before = numba.get_num_threads()
+    try:
+        results = []
+        for threads in (1, before):
+            numba.set_num_threads(threads)
+            results.append(loss_of(field, views, PIXELS))
+    finally:
+        numba.set_num_threads(before)
+    assert results[0][0] == results[1][0]
+    np.testing.assert_array_equal(results[0][1], results[1][1])

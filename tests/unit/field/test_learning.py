@@ -1,0 +1,143 @@
+"""Fields learn small scenes: a ball over a floor, seen by a ring of cameras, and the ball after it moved."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nerfmodal.cloud import extract
+from nerfmodal.errors import TrainingDiverged
+from nerfmodal.field import Scene, fine_tune, fit, looker
+from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.geometry.rays import rig_directions
+from nerfmodal.spec import ReconstructionSpec, RigSpec
+from nerfmodal.types import Checkpoint, Frame, PointCloud
+
+RADIUS = 0.3
+SCENE = Scene(low=np.array([-0.7, -0.7, 0.05]), high=np.array([0.7, 0.7, 1.45]), ground=0.0)
+SETTINGS = ReconstructionSpec(voxel_m=0.04, iterations=260, fine_tune_iterations=80, rays_per_batch=2048, points=4000)
+
+
+def ball_frame(index: int, center: np.ndarray) -> Frame:
+    """A ball with a painted surface over a checkered floor under a plain sky, ray-traced exactly."""
+    rig = semi_spherical_rig(
+        RigSpec(cameras=14, width_px=64, height_px=64, radius_m=2.2, target_m=(0, 0, 0.7), field_of_view_deg=55)
+    )
+    images = np.empty((14, 64 * 64, 3))
+    for camera, directions, image in zip(rig.cameras, rig_directions(rig), images, strict=True):
+        origin = camera.camera_to_world[:3, 3]
+        b = directions @ (origin - center)
+        inside = b**2 - ((origin - center) ** 2).sum() + RADIUS**2
+        t = -b - np.sqrt(np.maximum(inside, 0))
+        normal = (origin + t[:, None] * directions - center) / RADIUS
+        ball = 0.5 + 0.4 * np.sin(6 * normal)
+        ground = origin - origin[2] / np.minimum(directions[:, 2], -1e-3)[:, None] * directions
+        squares = (np.floor(ground[:, 0] / 0.4) + np.floor(ground[:, 1] / 0.4)) % 2
+        floor = np.repeat(0.3 + 0.3 * squares[:, None], 3, axis=1)
+        beyond = np.where(directions[:, 2:] < -1e-3, floor, [0.6, 0.75, 0.95])
+        image[:] = np.where((inside > 0)[:, None], ball, beyond)
+    shaped = np.round(np.clip(images, 0, 1) * 255).astype(np.uint8).reshape(14, 64, 64, 3)
+    return Frame(index=index, time=index / 30, images=shaped, rig=rig)
+
+
+def silent(done: int, total: int, message: str) -> None:
+    del done, total, message
+
+
+@pytest.fixture(scope="module")
+def first() -> Frame:
+    return ball_frame(0, np.array([0.0, 0.0, 0.75]))
+
+
+@pytest.fixture(scope="module")
+def trained(first: Frame) -> Checkpoint:
+    return fit(SCENE, SETTINGS, first, None, 0, silent)
+
+
+def cloud_of(checkpoint: Checkpoint, frame: Frame) -> PointCloud:
+    return extract(
+        looker(checkpoint, frame, 0.5),
+        frame,
+        SCENE.low,
+        SCENE.high,
+        threshold=0.5,
+        count=4000,
+        rng=np.random.default_rng(0),
+        report=lambda *_: None,
+    )
+
+
+def off_the_ball(cloud: PointCloud, center: np.ndarray) -> np.ndarray:
+    return np.abs(np.linalg.norm(cloud.points - center, axis=1) - RADIUS)
+
+
+def test_the_ball_is_found_without_a_mask(trained: Checkpoint, first: Frame) -> None:
+    distances = off_the_ball(cloud_of(trained, first), np.array([0.0, 0.0, 0.75]))
+    assert len(distances) > 500
+    assert np.median(distances) < 0.02  # half a voxel; a pixel is 36 mm
+    assert np.quantile(distances, 0.9) < 0.08
+
+
+def test_a_moved_ball_is_found_where_it_is(trained: Checkpoint, first: Frame) -> None:
+    center = np.array([0.08, 0.0, 0.83])
+    frame = ball_frame(3, center)
+    tuned = fine_tune(SETTINGS, trained, first, frame, 0, silent)
+    cloud = cloud_of(tuned, frame)
+    assert tuned.parent == 0
+    assert np.median(off_the_ball(cloud, center)) < 0.02
+    shift = np.median(cloud.points, axis=0) - np.median(cloud_of(trained, first).points, axis=0)
+    np.testing.assert_allclose(shift, [0.08, 0.0, 0.08], atol=0.02)  # no ghost holds it back
+
+
+def test_an_unchanged_frame_keeps_its_field(trained: Checkpoint, first: Frame) -> None:
+    tuned = fine_tune(SETTINGS, trained, first, replace(first, index=5), 0, silent)
+    np.testing.assert_array_equal(cloud_of(tuned, first).points, cloud_of(trained, first).points)
+
+
+def test_the_same_seed_gives_the_same_field(trained: Checkpoint, first: Frame) -> None:
+    frame = ball_frame(2, np.array([0.05, 0.0, 0.75]))
+    one, other = (fine_tune(SETTINGS, trained, first, frame, 4, silent) for _ in range(2))
+    np.testing.assert_array_equal(one.state["values"], other.state["values"])
+
+
+def test_views_held_out_are_measured(first: Frame) -> None:
+    settings = SETTINGS.model_copy(update={"iterations": 60})
+    checkpoint = fit(SCENE, settings, first, first, 0, silent)
+    assert checkpoint.held_out_psnr is not None
+    assert checkpoint.held_out_psnr > 12
+
+
+def test_a_loss_that_is_no_number_is_an_error(first: Frame) -> None:
+    settings = SETTINGS.model_copy(update={"learning_rate": 1e38})
+    with pytest.raises(TrainingDiverged, match="loss became"):
+        fit(SCENE, settings, first, None, 0, silent)
+
+
+def test_without_ground_an_outer_grid_explains_the_rest(first: Frame) -> None:
+    scene = Scene(low=SCENE.low, high=SCENE.high, ground=None)
+    settings = SETTINGS.model_copy(update={"iterations": 40, "rays_per_batch": 1024})
+    checkpoint = fit(scene, settings, first, None, 0, silent)
+    assert checkpoint.state["outer"].size > 0
+    assert checkpoint.psnr > 12
+
+
+def test_the_papers_network_learns(first: Frame) -> None:
+    settings = SETTINGS.model_copy(
+        update={
+            "field": "mlp",
+            "mlp_width": 32,
+            "coarse_samples": 16,
+            "fine_samples": 16,
+            "iterations": 30,
+            "rays_per_batch": 256,
+            "learning_rate": 5e-3,
+        }
+    )
+    heard: list[str] = []
+    checkpoint = fit(SCENE, settings, first, None, 0, lambda *said: heard.append(said[2]))
+    again = fit(SCENE, settings, first, None, 0, silent)
+    tuned = fine_tune(settings.model_copy(update={"fine_tune_iterations": 3}), checkpoint, first, first, 0, silent)
+    decibels = [float(message.split()[1]) for message in heard]
+    assert decibels[-1] > decibels[0] + 1
+    np.testing.assert_array_equal(checkpoint.state["fine.layers.0.weight"], again.state["fine.layers.0.weight"])
+    assert tuned.step == 33
+    assert cloud_of(tuned, first).points.shape[1] == 3
