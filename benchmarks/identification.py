@@ -11,13 +11,14 @@ from pathlib import Path
 from benchmarks.cases import case_rows
 from benchmarks.limits import ambient_rows, bound_rows, coverage_rows, drift_rows, patch_rows
 from benchmarks.rows import Row
-from benchmarks.speed import speed_rows
+from benchmarks.speed import example_rows, speed_rows
 
 OUT = Path("out/benchmarks/identification.json")
 GROUPS = {
     "bound": bound_rows,
     "ambient": ambient_rows,
     "speed": speed_rows,
+    "example": example_rows,
     "patch": patch_rows,
     "drift": drift_rows,
     "coverage": coverage_rows,

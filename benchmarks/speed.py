@@ -3,10 +3,12 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from nerfmodal.identify import Factors, identify
-from nerfmodal.identify.reduction import reduce_coefficients
+from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
+from nerfmodal.identify.subspace import identify_subspace
 from nerfmodal.spec import IdentificationSpec
 from nerfmodal.surface.basis import PolynomialBasis
 from nerfmodal.surface.robust import fit_robustly
@@ -67,6 +69,31 @@ def _against_pyoma() -> Iterator[Row]:
 
     ratio = ours / _seconds(theirs, 3)
     yield Row(what="99,990 sensors x 90 frames over pyOMA_2's SSI-cov", value=ratio, unit="x", floor=1.0, aim=0.3)
+
+
+def example_rows(_seeds: int) -> Iterator[Row]:
+    """The record of pyOMA_2's own example in the place of the scores, against its SSI-cov with its own deviations."""
+    try:
+        from pyoma2.algorithms import SSI
+        from pyoma2.functions.gen import example_data
+        from pyoma2.setup import SingleSetup
+    except ImportError:
+        print("pyOMA_2's example is left out: pip install pyOMA_2", file=sys.stderr)
+        return
+    record, _, (true, _, _) = example_data()
+    setup = SingleSetup(record, fs=100.0)
+    algorithm = SSI(name="ssi", method="cov", br=30, ordmax=30, calc_unc=True)
+    setup.add_algorithms(algorithm)
+    setup.run_by_name("ssi")
+    algorithm.mpe(sel_freq=list(true), order_in=10)
+    theirs = algorithm.result
+    displacement = replace(displacement_of(record), times=np.arange(len(record)) / 100.0, frame_rate=100.0)
+    ours = identify_subspace(displacement, reduce_matrix(record, 5), max_modes=8)
+    places = [int(np.argmin(np.abs(ours.frequencies - frequency))) for frequency in theirs.Fn]
+    frequency = np.abs(ours.frequencies[places] - theirs.Fn) / theirs.Fn_std
+    damping = np.abs(ours.damping_ratios[places] - theirs.Xi) / theirs.Xi_std
+    worst = float(max(frequency.max(), damping.max()))
+    yield Row(what="pyOMA_2's example: distance in its own deviations", value=worst, unit="sd", floor=2, aim=1)
 
 
 def _seconds(work: Callable[[], object], times: int) -> float:
