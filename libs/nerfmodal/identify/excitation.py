@@ -15,7 +15,7 @@ from nerfmodal.identify.lines import damped_columns
 from nerfmodal.types import OrganResult, Verdict
 
 Excitation = Literal["free_decay", "ambient", "harmonic"]
-EXPLAINED = 0.6
+EXPLAINED = 0.9
 """Share of the energy from which a record is a sum of damped sinusoids."""
 MEMORY = 0.5
 MEMORY_LAGS = 6
@@ -37,12 +37,17 @@ def recognise(
         _unexplained(times, series, line)
         for series, line in zip(coordinates.T, np.column_stack([frequencies, damping_ratios]), strict=True)
     ]
-    sizes = np.array([(series**2).sum() for series in left])
-    memory = float((sizes * [_memory(series) for series in left]).sum() / max(sizes.sum(), 1e-300))
-    if 1 - sizes.sum() / energy.sum() < EXPLAINED and memory > MEMORY:
+    if is_ambient(np.stack(left, axis=1), float(energy.sum())):
         return "ambient"
     fall = np.abs(damping_ratios) * 2 * np.pi * frequencies * (times[-1] - times[0])
     return "free_decay" if (energy * fall).sum() / energy.sum() > FALL else "harmonic"
+
+
+def is_ambient(residuals: Float[np.ndarray, "frames channels"], energy: float) -> bool:
+    """Whether what damped sinusoids leave of a record of this energy is much, and vibrates."""
+    sizes = (residuals**2).sum(axis=0)
+    memory = float((sizes * [_memory(series) for series in residuals.T]).sum() / max(float(sizes.sum()), 1e-300))
+    return 1 - float(sizes.sum()) / max(energy, 1e-300) < EXPLAINED and memory > MEMORY
 
 
 def excitation_of(

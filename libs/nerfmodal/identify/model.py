@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from nerfmodal.identify.assemble import Evidence, model_of_fit
-from nerfmodal.identify.excitation import recognise
+from nerfmodal.identify.excitation import is_ambient
 from nerfmodal.identify.opinions import pursue
 from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
 from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
@@ -141,10 +141,10 @@ def _choose(settings: IdentificationSpec, evidence: Evidence, pursued: Opinion, 
     if settings.method == "complexity_pursuit":
         return model_of_pursuit(pursued, evidence)
     fitted = model_of_fit(evidence, pursued)
-    kind = settings.excitation
-    if kind == "auto":
-        kind = recognise(evidence.displacement.times, fitted.coordinates, fitted.frequencies, fitted.damping_ratios)
-    return model_of_subspace(subspace, evidence, pursued) if kind == "ambient" else fitted
+    energy = float((evidence.scores[evidence.displacement.valid] ** 2).sum())
+    ambient = settings.excitation == "ambient"
+    ambient |= settings.excitation == "auto" and is_ambient(evidence.fit.residuals, energy)
+    return model_of_subspace(subspace, evidence, pursued) if ambient else fitted
 
 
 def identify_scan(
