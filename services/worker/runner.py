@@ -44,20 +44,21 @@ class StepStopped(Exception):
 class Runner:
     """Takes orders one after the other until its stdin closes."""
 
-    def __init__(self, orders: BinaryIO, answers: BinaryIO, tasks: Mapping[str, Task]) -> None:
+    def __init__(self, orders: BinaryIO, answers: BinaryIO, load: Callable[[], Mapping[str, Task]]) -> None:
         self._orders = orders
         self._answers = answers
-        self._tasks = tasks
+        self._load = load
         self._waiting: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._told_at = 0.0
 
     def work(self) -> None:
         """Never returns: the reading thread ends the process."""
-        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._read, daemon=True).start()  # first: loading takes seconds
+        tasks = self._load()
         while True:
             order = self._waiting.get()
-            self._say(answer(order, self._tasks, self._report))
+            self._say(answer(order, tasks, self._report))
 
     def _read(self) -> None:
         for text in self._orders:
@@ -104,11 +105,16 @@ def answer(order: Order, tasks: Mapping[str, Task], report: Callable[[Progress],
 def main() -> None:
     """Run as `python -m services.worker.runner`, started by a supervisor."""
     orders, answers = _reserve_streams()
-    tasks = importlib.import_module(os.environ.get(TASKS_VARIABLE, DEFAULT_TASKS)).TASKS
-    Runner(orders, answers, tasks).work()
+    Runner(orders, answers, _tasks).work()
 
 
 _LESS_MEMORY: Final = "Use fewer points, pixels or slots, or a machine with more memory."
+
+
+def _tasks() -> Mapping[str, Task]:
+    module = importlib.import_module(os.environ.get(TASKS_VARIABLE, DEFAULT_TASKS))
+    tasks: Mapping[str, Task] = module.TASKS
+    return tasks
 
 
 def _job(order: Order) -> Job:

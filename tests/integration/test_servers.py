@@ -116,7 +116,7 @@ def test_runner_ends_when_its_supervisor_is_gone(settings: Settings) -> None:
         scan_id = service.submit(toy_spec(frames=1, trouble=f"{RENDER}:0:slow"))
         runner = service.runner_of(scan_id, RENDER, 0)
         os.kill(worker.pid, signal.SIGKILL)
-        service.wait(lambda: not is_alive(runner), 3.0)
+        service.wait(lambda: not is_alive(runner), 5.0)
 
 
 def test_step_that_takes_too_long_fails(settings: Settings) -> None:
