@@ -8,7 +8,6 @@ from jaxtyping import Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from nerfmodal.field.grid import GridField
-from nerfmodal.field.marching import GROUND_SIDE, SKY_SIDE
 from nerfmodal.field.views import Views, directions_of, pixels_at
 
 FLAT = -1e-4
@@ -23,11 +22,11 @@ def lay_ground(field: GridField, views: Views, seen: Int[np.ndarray, " chosen"] 
     colors = views.images.reshape(-1, 3)[flat] / np.float32(255)
     falls = directions[:, 2] < FLAT
     origins = views.poses[pixels[:, 0], :3, 3]
-    ground = _texels(_ground_points(field, origins[falls], directions[falls]), GROUND_SIDE)
-    sky = _texels(_sky_points(directions[~falls]), SKY_SIDE)
+    ground = _texels(_ground_points(field, origins[falls], directions[falls]), field.sides[0])
+    sky = _texels(_sky_points(directions[~falls]), field.sides[1])
     start = field.bricks.rows
-    field.values[start : start + GROUND_SIDE**2, 1:] = _medians(ground, colors[falls], GROUND_SIDE)
-    field.values[start + GROUND_SIDE**2 :, 1:] = _medians(sky, colors[~falls], SKY_SIDE)
+    field.values[start : start + field.sides[0] ** 2, 1:] = _medians(ground, colors[falls], field.sides[0])
+    field.values[start + field.sides[0] ** 2 :, 1:] = _medians(sky, colors[~falls], field.sides[1])
 
 
 def _ground_points(

@@ -17,8 +17,11 @@ from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine
 from nerfmodal.field.views import CELL, Views, pixels_at
 
 OUTER_BRICKS = 12
-START_RAW = np.float32(-6.0)
-"""Raw density of a voxel of which nothing is known yet: 0.0025 per voxel."""
+PIXELS_PER_TEXEL = 3.5
+FOG_RAW = np.float32(-4.0)
+"""Raw density of a voxel before any training: 0.018 per voxel, from which short trainings still become opaque."""
+FORGOTTEN_RAW = np.float32(-6.0)
+"""Raw density of a voxel that is to be learned anew: 0.0025 per voxel."""
 VISIBLE_WEIGHT = 0.05
 """A block in which no sample had more weight than this is empty (or hidden): its vertices are not kept."""
 DECAY = 1e-3
@@ -39,6 +42,8 @@ class GridField:
     values: Float[np.ndarray, "rows 4"]
     outer: Int[np.ndarray, "x y z"]
     ground: float = math.nan
+    sides: tuple[int, int] = (0, 0)
+    """Texels along the ground's and the sky's texture."""
 
     @property
     def half(self) -> Float[np.ndarray, " 3"]:
@@ -67,21 +72,30 @@ class Optimiser:
         self.steps = 0
 
 
-def empty_field(low: np.ndarray, high: np.ndarray, voxel: float, ground: float | None) -> GridField:
+def empty_field(
+    low: np.ndarray, high: np.ndarray, voxel: float, ground: float | None, pixels: int = 1_000_000
+) -> GridField:
     """A field of which nothing is known: faint grey fog.
 
     Beyond the region lie the ground at the height `ground` (metres) and a sky, or, when it is None, an outer grid.
+    `pixels` of all pictures decide how fine the ground's texture is: several must see each texel.
     """
     counts = brick_counts(low, high, voxel)
     bricks = allocate(low, voxel, np.ones(tuple(counts * 4), dtype=bool))
     side = OUTER_BRICKS if ground is None else 0
     outer = np.arange(side**3, dtype=np.int32).reshape(side, side, side)
-    beyond = outer.size * marching.ROWS_PER_BRICK if ground is None else marching.GROUND_SIDE**2 + marching.SKY_SIDE**2
+    sides = _texture_sides(pixels)
+    beyond = outer.size * marching.ROWS_PER_BRICK if ground is None else sides[0] ** 2 + sides[1] ** 2
     values = np.full((bricks.rows + beyond, 4), 0.5, np.float32)
-    values[:, 0] = START_RAW
+    values[:, 0] = FOG_RAW
     return GridField(
-        bricks=bricks, high=high, values=values, outer=outer, ground=math.nan if ground is None else ground
+        bricks=bricks, high=high, values=values, outer=outer, ground=math.nan if ground is None else ground, sides=sides
     )
+
+
+def _texture_sides(pixels: int) -> tuple[int, int]:
+    side = 2 ** int(np.clip(np.floor(np.log2(pixels / PIXELS_PER_TEXEL) / 2), 6, 9))
+    return side, side // 2
 
 
 def _silent(done: int, loss: float) -> None:
@@ -128,6 +142,7 @@ def train(
             field.bricks.voxel,
             field.half,
             field.ground,
+            field.sides,
             views.table,
             CELL,
             views.poses,
@@ -189,6 +204,7 @@ def render(
         field.bricks.voxel,
         field.half,
         field.ground,
+        field.sides,
         views.table,
         CELL,
         views.poses,

@@ -25,7 +25,7 @@ from nerfmodal.field.bricks import (
     with_masks,
 )
 from nerfmodal.field.changes import carved_blocks, changed_pixels
-from nerfmodal.field.grid import START_RAW, GridField, Rates, Told, empty_field, pruned, refined, render, train
+from nerfmodal.field.grid import FORGOTTEN_RAW, GridField, Rates, Told, empty_field, pruned, refined, render, train
 from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.types import Frame
@@ -81,7 +81,7 @@ def fit(
     """Train frame 0 from nothing. Returns the field and its mean squared error."""
     views = views_of(frame)
     rng = np.random.default_rng(seed)
-    field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground)
+    field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground, views.pixels)
 
     def draw() -> Int[np.ndarray, " rays"]:
         return rng.integers(0, views.pixels, schedule.rays)
@@ -276,7 +276,7 @@ def forget(
     trainable = with_masks(bricks, hull).masks
     inside = trainable_vertices(trainable)
     if known is None:
-        values[inside, 0] = START_RAW
+        values[inside, 0] = FORGOTTEN_RAW
     else:
         values[inside] = sample_vertices(known.bricks, known.values, bricks)[inside]
     return replace(parent, bricks=bricks, values=values, outer=NOWHERE), trainable

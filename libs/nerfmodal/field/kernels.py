@@ -88,6 +88,7 @@ def train_batch(
     voxel,
     half,
     ground,
+    sides,
     table,
     cell,
     poses,
@@ -148,6 +149,7 @@ def train_batch(
                     half,
                     center,
                     ground,
+                    sides,
                     px,
                     py,
                     pz,
@@ -214,7 +216,7 @@ def adam(values, gradients, touched, first, second, trainable, base, step, rates
 @numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
 @no_type_check
 def render_pixels(
-    bricks, masks, outer, values, low, voxel, half, ground, table, cell, poses, use_outer, pixels, step, level
+    bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, use_outer, pixels, step, level
 ):
     """Colour in front, transmittance, colour behind and distance (metres) of the rays through `pixels`.
 
@@ -271,6 +273,7 @@ def render_pixels(
                     half,
                     center,
                     ground,
+                    sides,
                     px,
                     py,
                     pz,

@@ -12,8 +12,6 @@ import numpy as np
 MAX_SAMPLES = 768
 ROWS_PER_BRICK = 512
 EMPTY_RAW = np.float32(-6.0)
-GROUND_SIDE = 512
-SKY_SIDE = 256
 OPAQUE = 1e-3
 """A ray ends when its transmittance falls below this."""
 
@@ -203,7 +201,26 @@ def march_outer(
 @numba.njit(cache=True, fastmath=True)
 @no_type_check
 def march_beyond(
-    outer, base, values, half, center, ground, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, left
+    outer,
+    base,
+    values,
+    half,
+    center,
+    ground,
+    sides,
+    ox,
+    oy,
+    oz,
+    dx,
+    dy,
+    dz,
+    start,
+    jitter,
+    rows,
+    weights,
+    samples,
+    n,
+    left,
 ):
     """Whatever lies beyond the region: the outer grid where there is one, else the ground and the sky."""
     if n >= MAX_SAMPLES or left < OPAQUE:
@@ -212,7 +229,9 @@ def march_beyond(
         return march_outer(
             outer, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, left
         )
-    return meet_ground(values, base, half, center, ground, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, left)
+    return meet_ground(
+        values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, left
+    )
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -238,18 +257,20 @@ def texel(values, start, size, u, v, rows, weights, samples, n):
 
 @numba.njit(cache=True, fastmath=True)
 @no_type_check
-def meet_ground(values, base, half, center, ground, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance):
+def meet_ground(
+    values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance
+):
     """The last sample of a ray: the ground plane where it falls, contracted, or the sky where it rises."""
     if dz < -1e-4 and oz > ground:
         t = (ground - oz) / dz
         x, y = (ox + dx * t - center[0]) / half[0], (oy + dy * t - center[1]) / half[1]
         r = max(abs(x), abs(y), 1.0)
         shrink = (2.0 - 1.0 / r) / r * 0.25
-        texel(values, base, GROUND_SIDE, 0.5 + x * shrink, 0.5 + y * shrink, rows, weights, samples, n)
+        texel(values, base, sides[0], 0.5 + x * shrink, 0.5 + y * shrink, rows, weights, samples, n)
     else:
         t = 1e3
         u, v = 0.5 + math.atan2(dy, dx) / (2.0 * math.pi), 0.5 + math.asin(min(max(dz, -1.0), 1.0)) / math.pi
-        texel(values, base + GROUND_SIDE**2, SKY_SIDE, u, v, rows, weights, samples, n)
+        texel(values, base + sides[0] ** 2, sides[1], u, v, rows, weights, samples, n)
     samples[n, 0], samples[n, 1], samples[n, 2], samples[n, 3] = t, 0.0, transmittance, 0.0
     samples[n, 7] = transmittance
     return n + 1, 0.0

@@ -142,6 +142,7 @@ def _grid_state(field: grid.GridField) -> dict[str, np.ndarray]:
         "low": field.bricks.low,
         "high": field.high,
         "voxel": np.array([field.bricks.voxel, field.ground]),
+        "sides": np.array(field.sides),
         "slots": field.bricks.slots,
         "masks": field.bricks.masks,
         "outer": field.outer,
@@ -153,7 +154,12 @@ def _grid_of(state: Mapping[str, np.ndarray]) -> grid.GridField:
     voxel, ground = (float(value) for value in state["voxel"])
     bricks = Bricks(low=state["low"], voxel=voxel, slots=state["slots"], masks=state["masks"])
     return grid.GridField(
-        bricks=bricks, high=state["high"], values=state["values"], outer=state["outer"], ground=ground
+        bricks=bricks,
+        high=state["high"],
+        values=state["values"],
+        outer=state["outer"],
+        ground=ground,
+        sides=(int(state["sides"][0]), int(state["sides"][1])),
     )
 
 

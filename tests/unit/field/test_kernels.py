@@ -1,11 +1,12 @@
 """The fused kernels against closed forms, a slow reference and numerical derivatives."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from nerfmodal.field import grid, kernels, marching
-from nerfmodal.field.bricks import allocate
+from nerfmodal.field.bricks import with_masks
 from nerfmodal.field.views import CELL, Views, directions_of, views_of
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.spec import RigSpec
@@ -72,6 +73,7 @@ def loss_of(field: grid.GridField, views: Views, pixels: np.ndarray, **options: 
         field.bricks.voxel,
         field.half,
         field.ground,
+        field.sides,
         views.table,
         CELL,
         views.poses,
@@ -147,22 +149,17 @@ def test_an_opaque_wall_is_seen_at_its_distance(views: Views) -> None:
     assert hit[0] == pytest.approx(0.0, abs=VOXEL / 4)
 
 
-def test_empty_blocks_change_nothing_but_the_time(rng: np.random.Generator, views: Views) -> None:
+def test_rays_jump_over_blocks_that_are_not_set(rng: np.random.Generator, views: Views) -> None:
     field = a_field(rng)
-    occupied = np.zeros(tuple(4 * n for n in field.bricks.slots.shape), dtype=bool)
-    occupied[2:5, 2:5, 2:5] = True
-    bricks = allocate(LOW, VOXEL, occupied)
-    assert len(bricks.masks) < len(field.bricks.masks)
-    sparse = grid.empty_field(LOW, HIGH, VOXEL, None)
-    rows = np.concatenate([slot * 512 + np.arange(512) for slot in field.bricks.slots[bricks.slots >= 0]])
-    values = np.concatenate([field.values[rows], field.values[field.bricks.rows :]])
-    sparse = grid.GridField(bricks=bricks, high=HIGH, values=values, outer=field.outer)
-    full = field.values.copy()
-    marked = np.ones(len(full), dtype=bool)
-    marked[: field.bricks.rows] = False
-    _, left, _, _ = grid.render(sparse, views, PIXELS, behind=False)
-    assert (left < 1).any()
-    assert (left <= 1).all()
+    shape = tuple(4 * n for n in field.bricks.slots.shape)
+    empty = replace(field, bricks=with_masks(field.bricks, np.zeros(shape, dtype=bool)))
+    half = np.zeros(shape, dtype=bool)
+    half[: shape[0] // 2] = True
+    lower = replace(field, bricks=with_masks(field.bricks, half))
+    left = [grid.render(one, views, PIXELS, behind=False)[1] for one in (empty, lower, field)]
+    np.testing.assert_array_equal(left[0], 1.0)
+    assert (left[1] >= left[2] - 1e-6).all()
+    assert (left[1] < 1).any()
 
 
 def test_the_result_does_not_depend_on_threads(rng: np.random.Generator, views: Views) -> None:
