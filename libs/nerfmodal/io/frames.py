@@ -22,9 +22,14 @@ def write_frame(path: Path, frame: Frame) -> None:
         for camera in frame.rig.cameras
     ]
     with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
-        archive.writestr("transforms.json", json.dumps({"frames": entries}))
+        archive.writestr(_undated("transforms.json"), json.dumps({"frames": entries}))
         for entry, image in zip(entries, frame.images, strict=True):
-            archive.writestr(str(entry["file_path"]), encode_png(image))
+            archive.writestr(_undated(str(entry["file_path"])), encode_png(image))
+
+
+def _undated(name: str) -> zipfile.ZipInfo:
+    """An entry without the present time in it: equal frames are equal files."""
+    return zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
 
 
 def read_frame(path: Path) -> Frame:

@@ -110,6 +110,14 @@ def test_a_frame_survives_to_the_last_pixel(tmp_path: Path, rng: np.random.Gener
     np.testing.assert_array_equal(back.rig.cameras[2].camera_to_world, rig.cameras[2].camera_to_world)
 
 
+def test_equal_frames_are_equal_files(tmp_path: Path) -> None:
+    rig = semi_spherical_rig(RigSpec(cameras=3, width_px=16, height_px=16))
+    frame = Frame(index=0, time=0.0, images=np.zeros((3, 16, 16, 3), np.uint8), rig=rig)
+    io.write_frame(tmp_path / "one.zip", frame)
+    io.write_frame(tmp_path / "other.zip", frame)
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "other.zip").read_bytes()
+
+
 def test_a_broken_frame_is_named(tmp_path: Path) -> None:
     (tmp_path / "frame.zip").write_bytes(b"PK")
     with pytest.raises(InvalidCapture, match=r"frame\.zip"):
