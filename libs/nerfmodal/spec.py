@@ -54,8 +54,8 @@ class RigSpec(Part):
     """Cameras on a semi-sphere around `target_m`, all looking at it."""
 
     cameras: Annotated[int, Field(ge=3, le=500)] = 24
-    radius_m: PositiveMetres = 3.2
-    target_m: Point = (0.0, 0.0, 1.35)
+    radius_m: PositiveMetres = 3.4
+    target_m: Point = (0.0, 0.0, 1.5)
     lowest_deg: Annotated[float, Field(gt=-90, lt=90)] = 5.0
     highest_deg: Annotated[float, Field(gt=-90, lt=90)] = 70.0
     width_px: Annotated[int, Field(ge=16, le=7680)] = 224
@@ -94,6 +94,7 @@ class SimulationSource(Part):
     rig: RigSpec = RigSpec()
     renderer: Literal["blender", "preview"] = "blender"
     samples: Annotated[int, Field(ge=1, le=4096)] = 4
+    """Rays per pixel."""
 
     @model_validator(mode="after")
     def _no_mode_aliases(self) -> "SimulationSource":
