@@ -142,7 +142,7 @@ class ReconstructionSpec(Part):
     fine_tune_iterations: Annotated[int, Field(ge=1)] = 120
     """Of every frame, from the frame-0 checkpoint."""
     rays_per_batch: Annotated[int, Field(ge=16)] = 4096
-    learning_rate: Annotated[float, Field(gt=0)] | None = None
+    learning_rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """By default the field's own."""
     mlp_width: Annotated[int, Field(ge=8, le=1024)] = 256
     coarse_samples: Annotated[int, Field(ge=2)] = 64
