@@ -13,7 +13,7 @@ from nerfmodal.types import PointCloud, ScanResult, SensorGrid
 MOST_POINTS = 12_000
 REACH = 4.0
 """A point belongs to an organ within this many sensor spacings of one of its sensors …"""
-LEAST_REACH = 0.02
+LEAST_REACH = 0.06
 """… or within this many metres, whichever is larger."""
 
 OUTWARDS = 0.08
@@ -55,7 +55,7 @@ def _by_color(axes: Axes3D, points: PointCloud, kept: Int[np.ndarray, " kept"]) 
     shown = points.points[kept]
     axes.scatter(*shown.T, c=np.clip(points.colors[kept], 0, 1), s=1.2, linewidths=0, depthshade=False)
     axes.set_title("in its own colours", fontsize=TITLE, y=1.02)
-    frame_points(axes, shown, zoom=0.98)
+    frame_points(axes, shown, zoom=0.86)
 
 
 def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanResult) -> None:
@@ -67,7 +67,7 @@ def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanRe
         axes.scatter(*mine.T, color=CYCLE[index % len(CYCLE)], s=1.5, linewidths=0, depthshade=False)
         _name(axes, grid, shown.mean(axis=0))
     axes.set_title("by organ (grey: none)", fontsize=TITLE, y=1.02)
-    frame_points(axes, shown, zoom=0.98)
+    frame_points(axes, shown, zoom=0.86)
 
 
 def _name(axes: Axes3D, grid: SensorGrid, middle: Float[np.ndarray, " 3"]) -> None:
