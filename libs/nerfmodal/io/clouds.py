@@ -48,7 +48,7 @@ def read_cloud(path: Path, *, time: float = 0.0, scale: float = 1.0) -> PointClo
     """
     try:
         header = path.read_bytes()[:2000]
-        loaded = trimesh.load(path, process=False)
+        loaded = trimesh.load(path, file_type="ply", process=False)  # whatever the file is called
         empty = b"element vertex 0\n" in header  # trimesh gives a scene without vertices for such a file
         points = np.empty((0, 3)) if empty else np.asarray(loaded.vertices, dtype=float) * scale
     except (OSError, ValueError, KeyError, IndexError, AttributeError) as error:
