@@ -79,7 +79,7 @@ def identify_subspace(displacement: DisplacementMatrix, reduction: Reduction, *,
     """Modes by stochastic subspace identification of the leading scores, sorted by frequency."""
     even = resample_evenly(displacement.times, reduction.scores, displacement.frame_rate)
     groups = cluster(stabilise(even, displacement.frame_rate, max_modes=max_modes))[:max_modes]
-    local = np.array([_middle(group).shape for group in groups]).reshape(len(groups), even.shape[1]).T
+    local = np.array([_middle(group).shape for group in groups], dtype=complex).reshape(len(groups), even.shape[1]).T
     shapes, _ = unit_max(rotate_to_real(reduction.components @ local))
     coordinates = coordinates_of(even, reduction.components.T @ shapes) if groups else np.zeros((len(even), 0))
     grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
