@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 from scipy.ndimage import binary_dilation
 
-from nerfmodal.field.bricks import BLOCKS, Bricks, Occupancy
+from nerfmodal.field.bricks import BLOCKS, Bricks, Occupancy, grown
 from nerfmodal.geometry.cameras import project
 from nerfmodal.types import Rig
 
@@ -51,11 +51,10 @@ def carved_blocks(
     for camera, mask, asked in zip(rig.cameras, marked, opinions, strict=True):
         pixels, depths = project(camera, centers)
         radius = 0.5 * side * camera.focal_x / max(float(np.median(np.abs(depths))), 1e-6)
-        grown = _grow(mask, round(radius))
-        _vote(pixels, depths, grown, asked, votes, seen)
+        _vote(pixels, depths, _grow(mask, round(radius)), asked, votes, seen)
     hull = np.zeros(shape, dtype=bool)
     hull[asked_for] = votes >= agreement * np.maximum(seen, 1.0)
-    return np.asarray(binary_dilation(hull, np.ones((3, 3, 3), dtype=bool)))
+    return grown(hull)
 
 
 def _grow(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarray, "height width"]:

@@ -4,7 +4,7 @@ A checkpoint is arrays only. That of frame 0 also holds the still backgrounds; t
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -121,8 +121,6 @@ def _schedule(settings: ReconstructionSpec, iterations: int) -> grid_training.Sc
 
 def _measured(checkpoint: Checkpoint, held_out: Frame) -> Checkpoint:
     """The checkpoint with its PSNR on views that it was not trained on."""
-    from dataclasses import replace
-
     views = views_of(held_out)
     pixels = np.stack(np.unravel_index(np.arange(views.pixels), views.images.shape[:3]), axis=1).astype(np.int32)
     truth = views.images.reshape(-1, 3) / 255.0
