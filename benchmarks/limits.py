@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from nerfmodal.identify import Factors, identify
+from nerfmodal.identify import identify
 from nerfmodal.identify.comparison import truth_at_sensors
 from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.sinusoids import fit_sinusoids
@@ -104,8 +104,7 @@ def identify_leaf(clouds: Sequence[PointCloud], truth: list[TrueMode]) -> tuple[
         rng=np.random.default_rng(0),
         report=lambda _done, _total, _message: None,
     )
-    factors = Factors(coefficients=track.coefficients, basis=track.basis)
-    return identify(track.displacement, IdentificationSpec(), seed=0, factors=factors), truth
+    return identify(track.displacement, IdentificationSpec(), seed=0), truth
 
 
 def _leaf(

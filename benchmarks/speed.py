@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from nerfmodal.identify import Factors, identify
+from nerfmodal.identify import identify
 from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
 from nerfmodal.identify.subspace import identify_subspace
 from nerfmodal.spec import IdentificationSpec
@@ -14,7 +14,7 @@ from nerfmodal.surface.basis import PolynomialBasis
 from nerfmodal.surface.robust import fit_robustly
 
 from benchmarks.rows import Row
-from tests.fixtures.ambient import ambient_record, displacement_of
+from tests.fixtures.ambient import ambient_record, displacement_of, factored
 
 BASIS = PolynomialBasis(degree=5, center=np.zeros(2), half=np.ones(2))
 
@@ -56,9 +56,8 @@ def _against_pyoma() -> Iterator[Row]:
     coefficients = 0.03 * q @ shapes + 1e-4 * rng.normal(size=(90, 21))
     coefficients -= coefficients.mean(axis=0)
     basis = BASIS.evaluate(rng.uniform(-1, 1, size=(99_990, 2)))
-    displacement = displacement_of(coefficients @ basis.T)
-    factors = Factors(coefficients=coefficients, basis=basis)
-    ours = _seconds(lambda: identify(displacement, IdentificationSpec(), seed=0, factors=factors), 3)
+    displacement = factored(coefficients, basis)
+    ours = _seconds(lambda: identify(displacement, IdentificationSpec(), seed=0), 3)
     scores = reduce_coefficients(coefficients, basis).scores
 
     def theirs() -> None:

@@ -1,5 +1,5 @@
 """Modes of an organ from its displacement."""
 
-from nerfmodal.identify.model import Factors, identify, identify_scan
+from nerfmodal.identify.model import identify, identify_scan
 
-__all__ = ["Factors", "identify", "identify_scan"]
+__all__ = ["identify", "identify_scan"]

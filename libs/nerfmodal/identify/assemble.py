@@ -69,7 +69,7 @@ def build_model(
     quality: tuple[ModeQuality, ...],
 ) -> ModalModel:
     """The model of these modes; its outcome is NO_MOTION if there are none."""
-    _, sensors, axes = evidence.displacement.values.shape
+    sensors, axes = len(evidence.displacement.sensors.positions), len(evidence.displacement.directions)
     return ModalModel(
         frequencies=frequencies,
         frequency_stds=frequency_stds,

@@ -6,7 +6,6 @@ which every mode carries a verdict, and the other method's opinion beside it. Lo
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -15,7 +14,7 @@ from jaxtyping import Float
 from nerfmodal.identify.assemble import Evidence, model_of_fit
 from nerfmodal.identify.excitation import is_ambient
 from nerfmodal.identify.opinions import pursue
-from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
+from nerfmodal.identify.reduction import reduce_coefficients
 from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
 from nerfmodal.identify.sinusoids import fit_sinusoids, useful_channels
 from nerfmodal.identify.subspace import identify_subspace
@@ -42,14 +41,6 @@ class Track(Protocol):
     def displacement(self) -> DisplacementMatrix:
         """D (eq 11), NaN in lost frames."""
 
-    @property
-    def coefficients(self) -> Float[np.ndarray, "frames terms"]:
-        """C of D = C Bᵀ."""
-
-    @property
-    def basis(self) -> Float[np.ndarray, "dofs terms"]:
-        """B of D = C Bᵀ."""
-
 
 @runtime_checkable
 class Measure(Protocol):
@@ -69,21 +60,12 @@ class Measure(Protocol):
         """The organ's track."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Factors:
-    """C and B of D = C Bᵀ (`surface.Track`): the same result as from D, much faster for many sensors."""
-
-    coefficients: Float[np.ndarray, "frames terms"]
-    basis: Float[np.ndarray, "dofs terms"]
-
-
 def identify(
     displacement: DisplacementMatrix,
     settings: IdentificationSpec,
     *,
     seed: int,
     surface: SurfaceKind = "polynomial",
-    factors: Factors | None = None,
 ) -> OrganResult:
     """Modes of one organ.
 
@@ -97,8 +79,6 @@ def identify(
         Of the shuffle test; the organ's name goes in too, so that the organs' order does not matter.
     surface
         Copied to the result.
-    factors
-        The factors of D, if it has them.
 
     Returns
     -------
@@ -109,7 +89,7 @@ def identify(
     valid = displacement.valid
     if int(valid.sum()) < FEWEST_FRAMES:
         return _without_modes(displacement, surface, None, Outcome.TOO_FEW_FRAMES)
-    full = _reduce(displacement, factors)
+    full = reduce_coefficients(displacement.coefficients, displacement.basis)
     channels = useful_channels(full.scores[valid])
     if full.singular_values[0] <= 0:
         return _without_modes(displacement, surface, full, Outcome.NO_MOTION)
@@ -189,8 +169,7 @@ def identify_scan(
             rng=organ_generator(seed, organ.name),
             report=_share_of(report, place, len(chosen)),
         )
-        factors = Factors(coefficients=track.coefficients, basis=track.basis)
-        results.append(identify(track.displacement, settings, seed=seed, surface=track.surface, factors=factors))
+        results.append(identify(track.displacement, settings, seed=seed, surface=track.surface))
     report(len(chosen) * 1000, len(chosen) * 1000, "identified")
     return tuple(results)
 
@@ -210,12 +189,6 @@ def first_components(full: Reduction, count: int) -> Reduction:
     )
 
 
-def _reduce(displacement: DisplacementMatrix, factors: Factors | None) -> Reduction:
-    if factors is not None:
-        return reduce_coefficients(factors.coefficients, factors.basis)
-    return reduce_matrix(displacement.values.reshape(len(displacement.values), -1))
-
-
 def _components(settings: IdentificationSpec, found: int, channels: int) -> int:
     """As many as asked; by default as many as modes were found, the paper's three at least."""
     return min(settings.components or max(PAPERS_COMPONENTS, found), channels)
@@ -233,7 +206,7 @@ def _share_of(report: Report, place: int, count: int) -> Report:
 def _without_modes(
     displacement: DisplacementMatrix, surface: SurfaceKind, reduction: Reduction | None, outcome: Outcome
 ) -> OrganResult:
-    frames, sensors, axes = displacement.values.shape
+    frames, sensors, axes = len(displacement.times), len(displacement.sensors.positions), len(displacement.directions)
     nothing = np.zeros(0)
     model = ModalModel(
         frequencies=nothing,

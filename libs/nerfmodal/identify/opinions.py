@@ -28,6 +28,6 @@ def pursue(displacement: DisplacementMatrix, reduction: Reduction) -> Opinion:
         method="complexity_pursuit",
         frequencies=frequencies,
         damping_ratios=ratios,
-        mode_shapes=shapes.reshape(displacement.values.shape[1], -1, shapes.shape[1]),
+        mode_shapes=shapes.reshape(len(displacement.sensors.positions), -1, shapes.shape[1]),
         coordinates=np.stack([np.interp(displacement.times, grid, series) for series in coordinates.T], axis=1),
     )

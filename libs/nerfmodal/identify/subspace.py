@@ -89,7 +89,7 @@ def identify_subspace(displacement: DisplacementMatrix, reduction: Reduction, *,
         method="subspace",
         frequencies=lines[:, 0],
         damping_ratios=lines[:, 1],
-        mode_shapes=shapes.reshape(displacement.values.shape[1], displacement.values.shape[2], len(groups)),
+        mode_shapes=shapes.reshape(len(displacement.sensors.positions), len(displacement.directions), len(groups)),
         coordinates=np.array(at_frames).reshape(len(groups), len(displacement.times)).T,
     )
 

@@ -47,16 +47,11 @@ class Surface(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """The motion of one organ: the displacement matrix and the factors it was made from.
-
-    `coefficients` (metres, from the reference; NaN in lost frames) and `basis` give `displacement.values`.
-    """
+    """The motion of one organ."""
 
     organ: str
     surface: Literal["polynomial", "cylinder"]
     displacement: DisplacementMatrix
-    coefficients: Float[np.ndarray, "frames terms"]
-    basis: Float[np.ndarray, "dofs terms"]
 
 
 def displace(
@@ -95,16 +90,16 @@ def track_of(
     whole = np.stack([_coefficients(fit, surface) for fit in fits])
     rest = np.nanmean(whole, axis=0) if seen.any() else np.zeros(whole.shape[1])
     moved, valid = displace(whole[:, : basis.shape[1]], seen, reference)
-    directions = surface.directions
     displacement = DisplacementMatrix(
-        values=(moved @ basis.T).reshape(len(fits), -1, len(directions)),  # D = C Bᵀ
-        directions=directions,
+        coefficients=moved,
+        basis=basis,  # D = C Bᵀ
+        directions=surface.directions,
         times=times,
         frame_rate=frame_rate,
         sensors=SensorGrid(organ=organ, positions=surface.positions(rest)),
         valid=valid,
     )
-    return Track(organ=organ, surface=kind, displacement=displacement, coefficients=moved, basis=basis)
+    return Track(organ=organ, surface=kind, displacement=displacement)
 
 
 def _coefficients(fit: RobustFit | None, surface: Surface) -> np.ndarray:

@@ -40,7 +40,7 @@ def without_modes(outcome: Outcome):
         frequency_stds=np.empty(0),
         damping_ratios=np.empty(0),
         damping_stds=np.empty(0),
-        mode_shapes=np.empty((*LEAF.displacement.values.shape[1:], 0)),
+        mode_shapes=np.empty((*LEAF.model.mode_shapes.shape[:2], 0)),
         coordinates=np.empty((len(TIMES), 0)),
         quality=(),
         outcome=outcome,
@@ -58,10 +58,10 @@ def test_mosaic_shows_at_most_twelve_views_and_names_their_cameras():
 
 
 def test_eigenvalues_sum_to_the_mean_square_displacement():
-    values = LEAF.displacement.values.reshape(len(TIMES), -1)
+    frames = int(LEAF.displacement.valid.sum())
+    values = LEAF.displacement.values[LEAF.displacement.valid].reshape(frames, -1)
     full = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
     organ = replace(LEAF, reduction=replace(LEAF.reduction, singular_values=full))
-    frames = int(LEAF.displacement.valid.sum())
     expected = 1e6 * np.square(values - values.mean(axis=0)).sum() / ((frames - 1) * values.shape[1])
     assert covariance_eigenvalues(organ).sum() == pytest.approx(expected)
 
@@ -156,8 +156,8 @@ def test_an_organ_without_modes_says_why(outcome):
 def thinned(count: int, *, positions: np.ndarray | None = None):
     grid = LEAF.displacement.sensors
     places = grid.positions[:count] if positions is None else positions
-    values = LEAF.displacement.values[:, :count]
-    displacement = replace(LEAF.displacement, values=values, sensors=replace(grid, positions=places))
+    basis = LEAF.displacement.basis[: count * len(LEAF.displacement.directions)]
+    displacement = replace(LEAF.displacement, basis=basis, sensors=replace(grid, positions=places))
     return replace(
         LEAF, displacement=displacement, model=replace(LEAF.model, mode_shapes=LEAF.model.mode_shapes[:count])
     )

@@ -36,8 +36,8 @@ def rng() -> np.random.Generator:
 
 def a_result(rng: np.random.Generator) -> ScanResult:
     shapes = rng.normal(size=(5, 1, 2))
-    displacement = DisplacementMatrix(
-        values=rng.normal(size=(20, 5, 1)),
+    displacement = DisplacementMatrix.of_values(
+        rng.normal(size=(20, 5, 1)),
         directions=np.eye(3)[2:],
         times=np.arange(20) / 30,
         frame_rate=30.0,

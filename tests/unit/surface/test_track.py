@@ -32,7 +32,7 @@ def cloud_of(points: np.ndarray) -> PointCloud:
 
 def test_the_displacement_is_the_product_of_its_factors() -> None:
     found = track(list(leaf_clouds(ONE, 0)[0]))
-    product = found.coefficients @ found.basis.T
+    product = found.displacement.coefficients @ found.displacement.basis.T
     np.testing.assert_allclose(found.displacement.values[:, :, 0], product, atol=1e-12)
     np.testing.assert_allclose(found.displacement.values.mean(axis=0), 0.0, atol=1e-12)
     assert found.displacement.directions.shape == (1, 3)
