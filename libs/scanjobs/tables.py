@@ -6,50 +6,23 @@ Rows are plain: every query lives in `repository`, `leases` and `dispatch`, and 
 from typing import Any
 
 from sqlalchemy import (
-    JSON,
     BigInteger,
     CheckConstraint,
-    Double,
     ForeignKey,
     Index,
-    Integer,
-    MetaData,
     String,
-    Table,
     Text,
     UniqueConstraint,
     text,
 )
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+from sqlalchemy.orm import Mapped, mapped_column, relationship
 
-NAMING = {
-    "ix": "ix_%(table_name)s_%(column_0_N_name)s",
-    "uq": "uq_%(table_name)s_%(column_0_N_name)s",
-    "ck": "ck_%(table_name)s_%(constraint_name)s",
-    "fk": "fk_%(table_name)s_%(column_0_name)s_%(referred_table_name)s",
-    "pk": "pk_%(table_name)s",
-}
-"""Every constraint has a name, so that Alembic can drop it again on SQLite."""
+from scanjobs import account_tables as account_tables  # every table is in Base.metadata as soon as one is
+from scanjobs.table_base import Base as Base
+from scanjobs.table_base import Counter, Digest, Id, Word
+from scanjobs.table_base import table_of as table_of
 
 LIVE = text("state IN ('pending', 'ready', 'sent', 'running')")
-Id = String(36)
-Word = String(32)
-Digest = String(64)
-Counter = BigInteger().with_variant(Integer, "sqlite")
-
-
-class Base(DeclarativeBase):
-    """Every table's base; JSON columns hold plain JSON."""
-
-    metadata = MetaData(naming_convention=NAMING)
-    type_annotation_map = {dict[str, Any]: JSON(none_as_null=True), float: Double}  # noqa: RUF012
-
-
-def table_of(entity: type[Base]) -> Table:
-    """The table itself, for inserts of many rows that need no objects."""
-    table = entity.__table__
-    assert isinstance(table, Table)
-    return table
 
 
 class Scan(Base):
@@ -203,7 +176,10 @@ class Event(Base):
     """What happened, append-only: replayed, the events give the present states."""
 
     __tablename__ = "event"
-    __table_args__ = (Index("ix_event_scan_id_id", "scan_id", "id"),)
+    __table_args__ = (
+        Index("ix_event_scan_id_id", "scan_id", "id"),
+        Index("ix_event_transaction_number_id", "transaction_number", "id"),
+    )
 
     id: Mapped[int] = mapped_column(Counter, primary_key=True, autoincrement=True)
     scan_id: Mapped[str] = mapped_column(ForeignKey("scan.id", ondelete="CASCADE"))
@@ -213,6 +189,8 @@ class Event(Base):
     to_state: Mapped[str] = mapped_column(Word)
     reason: Mapped[str] = mapped_column(String(64), default="")
     at: Mapped[float]
+    transaction_number: Mapped[int] = mapped_column(BigInteger, server_default="0")
+    """PostgreSQL's number of the transaction that wrote it: ids alone are not in the order of the commits."""
 
 
 class Worker(Base):
