@@ -4,7 +4,6 @@ Each stage takes values and returns values; the worker's tasks load, call one of
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import assert_never
@@ -16,22 +15,9 @@ from nerfmodal.errors import InvalidSpec
 from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
+from nerfmodal.progress import Progress, Report
 from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
-    """How far a stage is: `done` of `total` units, and what it would say of itself (loss, PSNR, rays/s)."""
-
-    done: int
-    total: int
-    message: str = ""
-
-
-Report = Callable[[Progress], None]
-"""Called often by long stages; whatever it raises stops the stage (this is how a scan is cancelled)."""
-
 
 SURFACE_SHARE = 0.6
 """A ray's point lies where its opacity passes this share of the threshold: thin leaves never reach all of it."""

@@ -14,7 +14,7 @@ from nerfmodal import io, pipeline
 from nerfmodal.errors import InvalidSpec
 from nerfmodal.io.frames import encode_png
 from nerfmodal.io.transforms import camera_entry
-from nerfmodal.pipeline import Progress
+from nerfmodal.progress import Progress
 from nerfmodal.spec import ScanSpec, SimulationSource
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, TrueMode
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 from nerfmodal.spec import ScanSpec
 
 from services.worker.protocol import Made

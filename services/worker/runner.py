@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from nerfmodal.errors import InvalidInput, MissingExtra, NerfmodalError
-from nerfmodal.pipeline import Progress
+from nerfmodal.progress import Progress
 from nerfmodal.spec import ScanSpec
 
 from services.worker.job import GivenFile, Job, Task

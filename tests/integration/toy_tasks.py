@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from nerfmodal.errors import InvalidInput
-from nerfmodal.pipeline import Progress, Report
+from nerfmodal.progress import Progress, Report
 from scanjobs.messages import EXTRACT, IDENTIFY, INSPECT, READ, RENDER, TRAIN
 
 from services.worker.job import Job, Produced

@@ -1,7 +1,7 @@
 """`frame.extract`: the point cloud of a trained frame."""
 
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 
 from services.worker.job import Job, Produced
 from services.worker.protocol import Made

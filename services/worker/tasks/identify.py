@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 from nerfmodal.spec import CloudsSource
 from nerfmodal.types import PointCloud
 

@@ -1,7 +1,7 @@
 """`scan.inspect`: look at a capture or clouds before anything runs, and count the frames."""
 
 from nerfmodal import pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 from nerfmodal.spec import CloudsSource
 
 from services.worker.job import Job, Produced

@@ -1,7 +1,7 @@
 """`frame.read`: one frame of a capture, as every later step reads it."""
 
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 
 from services.worker.job import Job, Produced
 from services.worker.protocol import Made

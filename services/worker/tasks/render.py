@@ -1,7 +1,7 @@
 """`frame.render`: one frame of a simulation; frame 0 also writes down what was imposed."""
 
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 
 from services.worker.job import Job, Produced
 from services.worker.protocol import Made

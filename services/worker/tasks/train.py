@@ -1,7 +1,7 @@
 """`frame.train`: frame 0 from nothing to the shared checkpoint, then every frame from that checkpoint."""
 
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Report
+from nerfmodal.progress import Report
 from nerfmodal.types import Checkpoint
 from scanjobs.plan import WHOLE_SCAN
 
