@@ -1,7 +1,7 @@
 """Camera models: world to pixel, pixel to ray direction, and the semi-spherical rig.
 
 OpenGL cameras (+x right, +y up, looking along -z); image y runs down; pixel centres lie at half integers.
-Distortion: Brown-Conrady as in OpenCV (k1 k2 p1 p2 k3 k4), and OpenCV's equidistant fisheye (k1..k4).
+Pictures are never straightened: that would blur noise into neighbours. Rays bend instead (see `lenses`).
 """
 
 from dataclasses import replace
@@ -9,8 +9,22 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from nerfmodal.geometry.lenses import bend, distort, straighten, undistort
 from nerfmodal.spec import RigSpec
 from nerfmodal.types import Camera, Rig
+
+__all__ = [
+    "center_of",
+    "distort",
+    "downscale",
+    "focal_of",
+    "focus_of",
+    "look_at",
+    "project",
+    "semi_spherical_rig",
+    "undistort",
+    "unproject",
+]
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -18,75 +32,35 @@ GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 def project(
     camera: Camera, points: Float[np.ndarray, "points 3"]
 ) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, " points"]]:
-    """Pixels and depths (metres along the optical axis; negative behind the camera) of world points."""
+    """Pixels and depths (metres along the optical axis; negative behind the camera) of world points.
+
+    A point that the lens cannot see (see `lenses`) falls far outside of the picture.
+    """
     rotation, position = camera.camera_to_world[:3, :3], camera.camera_to_world[:3, 3]
     local = (points - position) @ rotation
     depths = -local[:, 2]
-    safe = np.where(np.abs(depths) < 1e-12, 1e-12, depths)
-    normalised = np.stack([local[:, 0] / safe, -local[:, 1] / safe], axis=1)
-    distorted = distort(camera, normalised)
-    focal = np.array([camera.focal_x, camera.focal_y])
-    return distorted * focal + np.array([camera.center_x, camera.center_y]), depths
+    if camera.model == "fisheye":
+        image = bend(camera, local)
+    else:
+        safe = np.where(np.abs(depths) < 1e-12, 1e-12, depths)
+        image = distort(camera, np.stack([local[:, 0] / safe, -local[:, 1] / safe], axis=1))
+    return image * focal_of(camera) + center_of(camera), depths
 
 
 def unproject(camera: Camera, pixels: Float[np.ndarray, "pixels 2"]) -> Float[np.ndarray, "pixels 3"]:
     """Unit directions in the world of the rays through `pixels`."""
-    focal = np.array([camera.focal_x, camera.focal_y])
-    normalised = undistort(camera, (pixels - np.array([camera.center_x, camera.center_y])) / focal)
-    local = np.stack([normalised[:, 0], -normalised[:, 1], -np.ones(len(normalised))], axis=1)
-    world = local @ camera.camera_to_world[:3, :3].T
-    return np.asarray(world / np.linalg.norm(world, axis=1, keepdims=True))
+    local = straighten(camera, (pixels - center_of(camera)) / focal_of(camera))
+    return np.asarray(local @ camera.camera_to_world[:3, :3].T)
 
 
-def distort(camera: Camera, ideal: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 2"]:
-    """Where the lens puts the ideal normalised image points."""
-    if camera.model == "pinhole":
-        return ideal
-    if camera.model == "fisheye":
-        return _distort_fisheye(camera, ideal)
-    k1, k2, k3, k4, p1, p2 = camera.distortion
-    x, y = ideal[:, 0], ideal[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=1,
-    )
+def focal_of(camera: Camera) -> Float[np.ndarray, " 2"]:
+    """Focal lengths along x and y, pixels."""
+    return np.array([camera.focal_x, camera.focal_y])
 
 
-def _distort_fisheye(camera: Camera, ideal: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 2"]:
-    k1, k2, k3, k4, _, _ = camera.distortion
-    r = np.linalg.norm(ideal, axis=1, keepdims=True)
-    theta = np.arctan(r)
-    t2 = theta * theta
-    bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-    return np.asarray(ideal * np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0))
-
-
-def undistort(
-    camera: Camera, observed: Float[np.ndarray, "points 2"], iterations: int = 12
-) -> Float[np.ndarray, "points 2"]:
-    """Invert `distort` by Newton's method with a numerical Jacobian."""
-    if camera.model == "pinhole":
-        return observed
-    ideal = observed.copy()
-    step = 1e-6
-    for _ in range(iterations):
-        error = distort(camera, ideal) - observed
-        along_x = (distort(camera, ideal + [step, 0.0]) - error - observed) / step
-        along_y = (distort(camera, ideal + [0.0, step]) - error - observed) / step
-        determinant = along_x[:, 0] * along_y[:, 1] - along_y[:, 0] * along_x[:, 1]
-        ideal = ideal - np.stack(
-            [
-                (error[:, 0] * along_y[:, 1] - along_y[:, 0] * error[:, 1]) / determinant,
-                (along_x[:, 0] * error[:, 1] - error[:, 0] * along_x[:, 1]) / determinant,
-            ],
-            axis=1,
-        )
-    return np.asarray(ideal)
+def center_of(camera: Camera) -> Float[np.ndarray, " 2"]:
+    """The pixel on the optical axis."""
+    return np.array([camera.center_x, camera.center_y])
 
 
 def downscale(camera: Camera, factor: int) -> Camera:
