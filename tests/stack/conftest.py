@@ -1,6 +1,5 @@
-"""A real PostgreSQL and a real Redis, and a toy service on them; skipped, with the remedy, where they are missing."""
+"""A real PostgreSQL and a real Redis, and a toy service on them."""
 
-import shutil
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -10,18 +9,14 @@ import sqlalchemy
 from scanjobs.settings import Settings
 
 from tests.integration.toy_service import toy_settings
-from tests.stack.servers import Postgres, Redis, postgres_program
+from tests.stack.servers import Postgres, Redis
 
-REMEDY = "apt-get install postgresql redis-server"
 numbers = count()
 
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
     """One cluster for all tests; each has its own database."""
-    pytest.importorskip("psycopg", reason="pip install 'nerfmodal[postgres]'")
-    if postgres_program("initdb") is None:
-        pytest.skip(f"PostgreSQL is not installed: {REMEDY}")
     server = Postgres()
     server.start()
     yield server
@@ -32,8 +27,6 @@ def postgres() -> Iterator[Postgres]:
 @pytest.fixture
 def redis() -> Iterator[Redis]:
     """A Redis of the test's own: what one test leaves in it must not reach another."""
-    if shutil.which("redis-server") is None:
-        pytest.skip(f"Redis is not installed: {REMEDY}")
     server = Redis()
     server.start()
     yield server

