@@ -27,6 +27,22 @@ class Settings(BaseSettings):
     capture_roots: Annotated[tuple[Path, ...], NoDecode] = (Path(),)
     """Folders that captures and clouds may be read from; in the variable separated as in PATH."""
 
+    keyless: bool | None = None
+    """Whether callers on this machine need no API key; by default only under `nerfmodal up`. Never behind a proxy."""
+    requests_per_minute: Annotated[int, Field(ge=1)] = 6000
+    """Of one key in one process; a key may have a limit of its own."""
+    webhooks_to_private_addresses: bool = False
+    """Whether webhooks may go to addresses that are not on the public internet."""
+    upload_limit_mb: Annotated[int, Field(ge=1)] = 20_000
+    """Of one uploaded file."""
+    owner_quota_mb: Annotated[int, Field(ge=1)] = 200_000
+    """Of all uploads and captures of one owner."""
+    archive_limit_mb: Annotated[int, Field(ge=1)] = 50_000
+    """Of an archive's members together, unpacked."""
+    archive_members: Annotated[int, Field(ge=1)] = 50_000
+    upload_expires_s: Seconds = 7 * 24 * 3600.0
+    """An upload that was not made into a capture is forgotten after this long."""
+
     slots: Annotated[int, Field(ge=1)] = Field(default_factory=lambda: os.cpu_count() or 1)
     """Steps computed at the same time by one worker."""
     threads_per_runner: Annotated[int, Field(ge=1)] = 1
@@ -64,6 +80,16 @@ class Settings(BaseSettings):
     def database(self) -> str:
         """The database's URL, with the default filled in."""
         return self.database_url or f"sqlite:///{(self.data_folder / 'nerfmodal.db').resolve()}"
+
+    @property
+    def uploads(self) -> Path:
+        """The folder of files on their way in."""
+        return (self.data_folder / "uploads").resolve()
+
+    @property
+    def captures(self) -> Path:
+        """The folder of captures made from uploads; workers on other machines need it too."""
+        return (self.data_folder / "captures").resolve()
 
     @property
     def artifacts(self) -> Path:
