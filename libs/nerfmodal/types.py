@@ -76,12 +76,18 @@ class Rig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One instant seen by every camera. All pictures of a frame have one size."""
+    """One instant, by the cameras that saw it: one that lost its picture is not in `rig`. All pictures have one size.
+
+    `counts` marks the pixels that say something (None: all); `region` is the box, lowest and highest corner in
+    metres, that the capture found to move (None: not looked for).
+    """
 
     index: int
     time: float
     images: UInt8[np.ndarray, "cameras height width 3"]
     rig: Rig
+    counts: Bool[np.ndarray, "cameras height width"] | None = None
+    region: Float[np.ndarray, "2 3"] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
