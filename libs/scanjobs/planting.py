@@ -40,7 +40,7 @@ def plant(
     ids = {step.key: str(uuid6.uuid7()) for step in steps}
     rows = [_row(scan, step, ids[step.key], inherited) for step in steps]
     edges = [{"parent_id": ids[parent], "child_id": ids[step.key]} for step in steps for parent in step.parents]
-    _insert(session, Step, rows, {"created_at": now_s()})
+    _insert(session, Step, rows, {"created_at": now_s(), "ready_at": now_s()})
     _insert(session, StepDependency, edges, {})
     _insert(session, ArtifactRef, _inherited_refs(session, ids, inherited), {})
     born_steps(session, rows)

@@ -13,6 +13,7 @@ from sqlalchemy import (
     String,
     Text,
     UniqueConstraint,
+    false,
     text,
 )
 from sqlalchemy.orm import Mapped, mapped_column, relationship
@@ -22,6 +23,7 @@ from scanjobs.table_base import Base as Base
 from scanjobs.table_base import Counter, Digest, Id, Word
 from scanjobs.table_base import table_of as table_of
 
+LIVE_SCAN = text("state IN ('uploading', 'queued', 'running', 'paused', 'canceling')")
 LIVE = text("state IN ('pending', 'ready', 'sent', 'running')")
 
 
@@ -34,6 +36,7 @@ class Scan(Base):
         Index("ix_scan_owner_state_id", "owner", "state", "id"),
         Index("ix_scan_owner_plant_id", "owner", "plant", "id"),
         Index("ix_scan_root_id", "root_id"),
+        Index("ix_scan_live", "state", sqlite_where=LIVE_SCAN, postgresql_where=LIVE_SCAN),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -106,6 +109,8 @@ class Step(Base):
     sent_at: Mapped[float | None]
     not_before: Mapped[float | None]
     """After a failed attempt: when the next may begin."""
+    ready_at: Mapped[float | None]
+    """Since when it could be computed; the wait until its claim is the dispatch lag."""
     progress_done: Mapped[int] = mapped_column(default=0)
     progress_total: Mapped[int] = mapped_column(default=0)
     progress_message: Mapped[str] = mapped_column(Text, default="")
@@ -134,6 +139,14 @@ class Attempt(Base):
     """One claim of a step, and what became of it."""
 
     __tablename__ = "attempt"
+    __table_args__ = (
+        Index(
+            "ix_attempt_uncounted",
+            "ended_at",
+            sqlite_where=text("counted = 0"),
+            postgresql_where=text("NOT counted"),
+        ),
+    )
 
     step_id: Mapped[str] = mapped_column(ForeignKey("step.id", ondelete="CASCADE"), primary_key=True)
     token: Mapped[int] = mapped_column(primary_key=True)
@@ -146,6 +159,8 @@ class Attempt(Base):
     error: Mapped[dict[str, Any] | None]
     log_key: Mapped[str | None] = mapped_column(String(255))
     max_rss_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    counted: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether `meters` has added it to the totals."""
 
 
 class Artifact(Base):
@@ -207,6 +222,17 @@ class Worker(Base):
     state: Mapped[str] = mapped_column(Word)
     lease_until: Mapped[float]
     started_at: Mapped[float]
+
+
+class Meter(Base):
+    """A total that only grows, whatever is deleted: what Prometheus calls a counter. See `meters`."""
+
+    __tablename__ = "meter"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    labels: Mapped[str] = mapped_column(String(255), primary_key=True)
+    """`label=value` joined by commas, in the order of the counter's labels."""
+    value: Mapped[float]
 
 
 class IdempotencyKey(Base):

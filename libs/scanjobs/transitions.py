@@ -45,6 +45,8 @@ def move_step(
     statement = update(Step).where(Step.id == step.id, Step.state == current.value, Step.token == step.token)
     if guard is not None:
         statement = statement.where(guard)
+    if target is StepState.READY and current is not StepState.SENT:  # a lost message does not end the wait
+        values = {"ready_at": (values or {}).get("not_before", now_s()), **(values or {})}
     moved = session.execute(
         statement.values({"state": target.value, **(values or {})}).returning(Step.id),
         execution_options=UNSYNCHRONISED,
