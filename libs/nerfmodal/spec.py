@@ -241,6 +241,12 @@ class ScanSpec(Part):
     plant: PlantSpec | None = None
     tags: tuple[Name, ...] = ()
     max_failed_frames: Annotated[int, Field(ge=0)] = 0
+    partial_every: Annotated[int, Field(ge=16)] | None = None
+    """The modes so far are told after every so many frames."""
+    deadline_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """From its submission; a scan that has not ended by then has failed, and a retry keeps what it has computed."""
+    step_limit_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """A step that computes for longer has failed; by default the service's limit."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
     @model_validator(mode="after")
