@@ -11,10 +11,11 @@ from typing import assert_never
 import numpy as np
 
 from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface
-from nerfmodal.errors import InvalidSpec
+from nerfmodal.errors import InvalidClouds, InvalidSpec
 from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
+from nerfmodal.identify.model import FEWEST_FRAMES
 from nerfmodal.progress import Progress, Report
 from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
@@ -36,7 +37,7 @@ def frame_times(spec: ScanSpec) -> tuple[float, ...]:
         case CaptureSource():
             return capture.open_capture(Path(spec.source.path)).times
         case CloudsSource():
-            return tuple(one.time for one in read_clouds(spec))
+            return tuple(float(time) for time in open_clouds(spec).times)
         case _:
             assert_never(spec.source)
 
@@ -103,9 +104,31 @@ def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Rep
 
 def read_clouds(spec: ScanSpec) -> Iterator[PointCloud]:
     """The clouds of a `clouds` source, in time order. Raises `InvalidClouds`."""
+    return iter(open_clouds(spec))
+
+
+def open_clouds(spec: ScanSpec) -> io.CloudSequence:
+    """A `clouds` source, looked at but for its points. Raises `InvalidClouds`."""
     if not isinstance(spec.source, CloudsSource):
         raise InvalidSpec("is no source of clouds.", where="/source/kind", hint="Use kind: clouds.")
-    return io.read_cloud_sequence(Path(spec.source.path))[1]
+    path = Path(spec.source.path)
+    sequence = io.open_clouds(path, frame_rate=spec.source.frame_rate_hz, unit=spec.source.unit)
+    if len(sequence) < FEWEST_FRAMES:
+        raise InvalidClouds(
+            f"holds {len(sequence)} clouds; modes need {FEWEST_FRAMES} at the least.",
+            where=str(path),
+            hint="Record for longer: two periods of the slowest mode and 90 frames are a good start.",
+        )
+    return sequence
+
+
+def read_all(record: io.CloudSequence, *, report: Report) -> list[PointCloud]:
+    """All clouds of a record that was opened. Raises `InvalidClouds`."""
+    clouds = []
+    for index in range(len(record)):
+        report(Progress(done=index, total=len(record), message=f"reading {record.names[index]}"))
+        clouds.append(record.read(index))
+    return clouds
 
 
 def identify(spec: ScanSpec, clouds: Sequence[PointCloud | None], *, report: Report) -> ScanResult:
@@ -212,14 +235,18 @@ def _frame_rate(spec: ScanSpec, times: np.ndarray) -> float:
     if isinstance(spec.source, SimulationSource):
         return spec.source.frame_rate_hz
     if isinstance(spec.source, CloudsSource):
-        return io.read_cloud_sequence(Path(spec.source.path))[0]
+        return open_clouds(spec).frame_rate
     return float(1.0 / np.median(np.diff(times))) if len(times) > 1 else 1.0
 
 
 def _organs(spec: ScanSpec) -> tuple[OrganSpec, ...]:
-    if spec.organs or not isinstance(spec.source, SimulationSource):
-        return spec.organs
-    return simulate.default_organs(spec.source)
+    if spec.organs == "auto":
+        return ()
+    if not spec.organs and isinstance(spec.source, SimulationSource):
+        return simulate.default_organs(spec.source)
+    if not spec.organs and isinstance(spec.source, CloudsSource):
+        return open_clouds(spec).organs
+    return spec.organs
 
 
 def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:

@@ -169,6 +169,10 @@ class CloudsSource(Part):
 
     kind: Literal["clouds"]
     path: Annotated[str, Field(min_length=1)]
+    frame_rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Goes before what the files say; needed where they say nothing."""
+    unit: Literal["km", "m", "dm", "cm", "mm", "um", "in", "ft"] | None = None
+    """Unit of length of the points; by default what the files say, or metres."""
 
 
 Source = Annotated[SimulationSource | CaptureSource | CloudsSource, Field(discriminator="kind")]
@@ -199,14 +203,15 @@ class ReconstructionSpec(Part):
 
 
 class OrganSpec(Part):
-    """A leaf (polynomial surface) or a branch (cylinder) and where its points are."""
+    """A leaf (a sheet's surface) or a branch (cylinder) and where its points are."""
 
     name: Name
-    region: OrientedBox | None = None
-    """By default the whole cloud."""
-    surface: Literal["polynomial", "cylinder"] = "polynomial"
+    region: OrientedBox | Literal["auto"] | None = None
+    """A box; 'auto' finds the organ, the largest of its kind that is left; by default the whole cloud."""
+    surface: Literal["polynomial", "tensor", "spline", "cylinder"] = "polynomial"
     degree: Annotated[int, Field(ge=1, le=9)] = 5
-    """Total degree of the polynomial ('poly55' of the paper is 5), or of the cylinder's centreline."""
+    """Total degree of the polynomial ('poly55' of the paper is 5), degree along each axis of the tensor, pieces
+    along the spline, degree of the cylinder's centreline (4 at most)."""
     sensors: Annotated[int, Field(ge=4, le=1_000_000)] = 1000
 
 
@@ -236,7 +241,8 @@ class ScanSpec(Part):
     name: Name = "scan"
     source: Source
     reconstruction: ReconstructionSpec = ReconstructionSpec()
-    organs: tuple[OrganSpec, ...] = ()
+    organs: tuple[OrganSpec, ...] | Literal["auto"] = ()
+    """'auto' finds them in the clouds; so does nothing, except that a simulation knows its own."""
     identification: IdentificationSpec = IdentificationSpec()
     plant: PlantSpec | None = None
     tags: tuple[Name, ...] = ()
@@ -251,7 +257,7 @@ class ScanSpec(Part):
 
     @model_validator(mode="after")
     def _organ_names_differ(self) -> "ScanSpec":
-        names = [organ.name for organ in self.organs]
+        names = [organ.name for organ in self.organs if isinstance(organ, OrganSpec)]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
             raise ValueError(f"organs: two organs are called {sorted(twice)}; give each its own name")

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 DistortionModel = Literal["pinhole", "opencv", "fisheye"]
 FieldKind = Literal["grid", "mlp"]
+SurfaceKind = Literal["polynomial", "tensor", "spline", "cylinder"]
 
 
 class Outcome(Enum):
@@ -252,7 +253,7 @@ class OrganResult:
     """Everything identified of one organ."""
 
     organ: str
-    surface: Literal["polynomial", "cylinder"]
+    surface: SurfaceKind
     displacement: DisplacementMatrix
     reduction: Reduction | None
     model: ModalModel

@@ -2,15 +2,25 @@
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from nerfmodal.spec import CaptureSource, CloudsSource, ScanSpec
 
-from services.cli.output import Json, modes_table, print_json, results
+from services.cli.output import Json, modes_table, notes, print_json, results
 from services.cli.progress import stage_bars
 from services.cli.specs import SpecFile, load, parse_spec, read_spec, read_text
+
+if TYPE_CHECKING:
+    from nerfmodal.io import CloudSequence
+    from nerfmodal.types import PointCloud, ScanResult
+
+SMALLEST_M, LARGEST_M = 0.003, 20.0
+"""Organs beyond these lengths are remarked on: most often the unit of length is another than declared."""
+SHOWN = 8
+"""Names listed in a remark."""
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for what is written.", show_default="out/NAME")]
 BaseSpec = Annotated[Path | None, typer.Option("--spec", help="A specification for the rest; its source is not used.")]
@@ -58,26 +68,57 @@ def reconstruct(
 
 
 def identify(
-    clouds: Annotated[Path, typer.Argument(help="Folder of PLY + clouds.json, or an .npz.", show_default=False)],
+    clouds: Annotated[Path, typer.Argument(help="Folder of PLY files, or an .npz.", show_default=False)],
     out: Out = None,
     spec_file: BaseSpec = None,
+    frame_rate: Annotated[float | None, typer.Option(help="Frames per second, where no clouds.json says it.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of length of the points: m, cm, mm, in …")] = None,
     as_json: Json = False,
 ) -> None:
-    """Find the modes of a sequence of point clouds of any sensor."""
+    """Find the organs and their modes in a sequence of point clouds of any sensor."""
     from nerfmodal import pipeline
 
-    spec = spec_around(CloudsSource(kind="clouds", path=str(clouds)), clouds, spec_file)
+    source = {"kind": "clouds", "path": str(clouds), "frame_rate_hz": frame_rate, "unit": unit}
+    spec = spec_around(source, clouds, spec_file)
     folder = out or Path("out") / spec.name
-    pipeline.check_source(spec)
     with stage_bars(quiet=as_json) as report:
-        read = list(pipeline.read_clouds(spec))
+        record = pipeline.open_clouds(spec)
+        read = pipeline.read_all(record, report=lambda now: report("read", now))
         result = pipeline.identify(spec, read, report=lambda now: report("identify", now))
     folder.mkdir(parents=True, exist_ok=True)
-    pipeline.publish(spec, result, None, read[0] if read else None, folder)
+    pipeline.publish(spec, result, None, first_seen(read), folder)
+    for remark in remarks(record, read, result):
+        notes().print(remark)
     show_results(folder, as_json=as_json)
 
 
-def spec_around(source: CaptureSource | CloudsSource, path: Path, spec_file: Path | None) -> ScanSpec:
+def first_seen(clouds: "Sequence[PointCloud]") -> "PointCloud | None":
+    """The first cloud that has points; None where none has."""
+    return next((cloud for cloud in clouds if len(cloud.points)), None)
+
+
+def remarks(record: "CloudSequence", clouds: "Sequence[PointCloud]", result: "ScanResult") -> list[str]:
+    """What a careful reader would ask about: gaps in the record, lost frames, a suspicious size."""
+    found = []
+    if record.missing:
+        found.append(f"{_count(len(record.missing), 'frame')} missing by their numbers: {_some(record.missing)}.")
+    empty = [name for name, cloud in zip(record.names, clouds, strict=True) if not len(cloud.points)]
+    if empty:
+        found.append(f"{_count(len(empty), 'frame')} without points: {_some(empty)}.")
+    for organ in result.organs:
+        lost = int((~organ.displacement.valid).sum()) - len(empty)
+        if lost > 0:
+            found.append(f"{organ.organ}: {_count(lost, 'frame')} with too few points on it.")
+        places = organ.displacement.sensors.positions
+        longest = float((places.max(axis=0) - places.min(axis=0)).max())
+        if not SMALLEST_M < longest < LARGEST_M:
+            found.append(f"{organ.organ} is {longest:.3g} m long: is the unit right? If not, give --unit mm, say.")
+    return found
+
+
+def spec_around(
+    source: CaptureSource | CloudsSource | Mapping[str, Any], path: Path, spec_file: Path | None
+) -> ScanSpec:
     """The specification of a file, or the defaults, with this source; named after `path` unless the file names it."""
     document: Any = {}
     text = ""
@@ -86,7 +127,7 @@ def spec_around(source: CaptureSource | CloudsSource, path: Path, spec_file: Pat
         document = load(text, spec_file) or {}
     if not isinstance(document, dict):
         return parse_spec(document, text, spec_file or path)  # raises: it is no object
-    named = {"name": scan_name(path)} | document | {"source": source.model_dump(mode="json")}
+    named = {"name": scan_name(path)} | document | {"source": _plain(source)}
     return parse_spec(named, text, spec_file or path)
 
 
@@ -107,6 +148,18 @@ def show_results(folder: Path, *, as_json: bool) -> None:
     if document.get("outcome", "OK") != "OK":
         console.print(document["message"])
     console.print(f"Results in {folder}: report.html, modes.json")
+
+
+def _plain(source: CaptureSource | CloudsSource | Mapping[str, Any]) -> Mapping[str, Any]:
+    return source if isinstance(source, Mapping) else source.model_dump(mode="json")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _some(items: Sequence[object]) -> str:
+    return ", ".join(map(str, items[:SHOWN])) + (" …" if len(items) > SHOWN else "")
 
 
 def _say(as_json: bool, document: dict[str, Any], text: str) -> None:

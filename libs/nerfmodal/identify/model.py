@@ -19,12 +19,20 @@ from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
 from nerfmodal.identify.sinusoids import fit_sinusoids, useful_channels
 from nerfmodal.identify.subspace import identify_subspace
 from nerfmodal.spec import IdentificationSpec, OrganSpec
-from nerfmodal.types import DisplacementMatrix, ModalModel, Opinion, OrganResult, Outcome, PointCloud, Reduction
+from nerfmodal.types import (
+    DisplacementMatrix,
+    ModalModel,
+    Opinion,
+    OrganResult,
+    Outcome,
+    PointCloud,
+    Reduction,
+    SurfaceKind,
+)
 
 FEWEST_FRAMES = 16
 PAPERS_COMPONENTS = 3
 
-SurfaceKind = Literal["polynomial", "cylinder"]
 Report = Callable[[int, int, str], None]
 """Told (done, total, message); whatever it raises stops the work."""
 

@@ -2,16 +2,18 @@
 
 from nerfmodal.io.atomic import atomic_write
 from nerfmodal.io.checkpoints import read_checkpoint, write_checkpoint
-from nerfmodal.io.clouds import read_cloud, read_cloud_sequence, write_cloud
+from nerfmodal.io.clouds import read_cloud, write_cloud
 from nerfmodal.io.frames import read_frame, write_frame
 from nerfmodal.io.results import read_result, write_result
+from nerfmodal.io.sequences import CloudSequence, open_clouds
 from nerfmodal.io.truth import read_truth, write_truth
 
 __all__ = [
+    "CloudSequence",
     "atomic_write",
+    "open_clouds",
     "read_checkpoint",
     "read_cloud",
-    "read_cloud_sequence",
     "read_frame",
     "read_result",
     "read_truth",

@@ -1,8 +1,6 @@
-"""Point clouds: binary PLY for one, a folder with clouds.json or an .npz for a sequence."""
+"""One point cloud as PLY: any PLY is read, binary PLY is written."""
 
-import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,9 @@ from nerfmodal.errors import InvalidClouds
 from nerfmodal.io.atomic import atomic_write
 from nerfmodal.types import Outcome, PointCloud
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+HEADER_BYTES = 4000
 COMMENT = re.compile(rb"comment nerfmodal time_s (\S+) outcome (\S+)")
+COUNT = re.compile(rb"element vertex (\d+)")
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:
@@ -38,8 +37,15 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
         temporary.write_bytes("\n".join([*header, ""]).encode() + vertices.tobytes())
 
 
-def read_cloud(path: Path, *, time: float = 0.0, scale: float = 1.0) -> PointCloud:
-    """Read any PLY with vertices; `time` is used where the file does not tell its own.
+def read_cloud(path: Path, *, time: float | None = None, scale: float = 1.0) -> PointCloud:
+    """Read any PLY with vertices: ASCII or binary, float or double, whatever else a vertex has.
+
+    Parameters
+    ----------
+    time
+        Its instant, seconds; by default what the file says of itself, or 0.
+    scale
+        Metres in the file's unit of length.
 
     Raises
     ------
@@ -47,28 +53,34 @@ def read_cloud(path: Path, *, time: float = 0.0, scale: float = 1.0) -> PointClo
         When the file cannot be read or holds a coordinate that is no number.
     """
     try:
-        header = path.read_bytes()[:2000]
+        header = _header(path)
         loaded = trimesh.load(path, file_type="ply", process=False)  # whatever the file is called
-        empty = b"element vertex 0\n" in header  # trimesh gives a scene without vertices for such a file
+        empty = _count(header) == 0  # trimesh gives a scene without vertices for such a file
         points = np.empty((0, 3)) if empty else np.asarray(loaded.vertices, dtype=float) * scale
     except (OSError, ValueError, KeyError, IndexError, AttributeError) as error:
         raise InvalidClouds(
-            f"cannot be read as PLY ({error}).", where=str(path), hint="Export the cloud again."
+            f"cannot be read as PLY with vertices x, y, z ({error}).", where=str(path), hint="Export the cloud again."
         ) from error
+    if len(points) != _count(header):
+        raise InvalidClouds(
+            f"ends early: {len(points)} of {_count(header)} points.", where=str(path), hint="Export the cloud again."
+        )
     comment = COMMENT.search(header)
     return PointCloud(
         points=checked(points, str(path)),
         colors=_colors(loaded, len(points)),
-        time=float(comment[1]) if comment else time,
+        time=time if time is not None else float(comment[1]) if comment else 0.0,
         outcome=Outcome[comment[2].decode()] if comment else Outcome.OK,
     )
 
 
-def _colors(loaded: Any, count: int) -> np.ndarray:
-    colors = getattr(loaded, "colors", None)
-    if colors is None or np.shape(colors)[:1] != (count,):
-        return np.full((count, 3), 0.5)
-    return np.asarray(colors)[:, :3] / 255.0
+def time_in(path: Path) -> float | None:
+    """The instant (seconds) that a cloud written by `write_cloud` says of itself; None for any other file."""
+    try:
+        comment = COMMENT.search(_header(path))
+        return float(comment[1]) if comment else None
+    except (OSError, ValueError):
+        return None
 
 
 def checked(points: np.ndarray, where: str) -> np.ndarray:
@@ -76,84 +88,28 @@ def checked(points: np.ndarray, where: str) -> np.ndarray:
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidClouds(f"has the shape {points.shape}.", where=where, hint="Points are rows of x, y, z.")
     if not np.isfinite(points).all():
-        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InvalidClouds(f"holds NaN or infinity (point {bad}).", where=where, hint="Remove such points.")
+        bad, axis = np.argwhere(~np.isfinite(points))[0]
+        count = int((~np.isfinite(points).all(axis=1)).sum())
+        raise InvalidClouds(
+            f"holds NaN or infinity: {count} of {len(points)} points, the first at point {bad}, {'xyz'[axis]}.",
+            where=where,
+            hint="Leave out points that were not measured before writing the cloud.",
+        )
     return points
 
 
-def read_cloud_sequence(path: Path) -> tuple[float, Iterator[PointCloud]]:
-    """Frame rate in Hz and the clouds, in order, of a folder (PLY + clouds.json) or of one .npz.
-
-    Raises
-    ------
-    InvalidClouds
-        At once for what concerns the whole; while iterating for a broken cloud.
-    """
-    if path.is_dir():
-        return _read_folder(path)
-    if path.suffix == ".npz" and path.is_file():
-        return _read_npz(path)
-    raise InvalidClouds(
-        "is neither a folder of PLY files nor an .npz.",
-        where=str(path),
-        hint="Give a folder with frame_0000.ply … and clouds.json, or an .npz with frame_0000 … and frame_rate_hz.",
-    )
+def _header(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEADER_BYTES).split(b"end_header")[0]
 
 
-def _read_folder(path: Path) -> tuple[float, Iterator[PointCloud]]:
-    where = path / "clouds.json"
-    try:
-        header = json.loads(where.read_text())
-    except (OSError, ValueError) as error:
-        raise InvalidClouds(
-            f"cannot be read ({error}).", where=str(where), hint='Write {"frame_rate_hz": …, "unit": "m"}.'
-        ) from error
-    files = sorted(path.glob("frame_*.ply"))
-    unit = header.get("unit", "m")
-    if unit not in UNITS:
-        raise InvalidClouds(f"has the unit {unit!r}.", where=f"{where}#/unit", hint=f"Use one of {', '.join(UNITS)}.")
-    rate = _rate(header.get("frame_rate_hz"), f"{where}#/frame_rate_hz")
-    times = _times(header.get("times_s"), len(files), rate, f"{where}#/times_s")
-    clouds = (read_cloud(file, time=float(time), scale=UNITS[unit]) for file, time in zip(files, times, strict=True))
-    return rate, clouds
+def _count(header: bytes) -> int:
+    found = COUNT.search(header)
+    return int(found[1]) if found else 0
 
 
-def _read_npz(path: Path) -> tuple[float, Iterator[PointCloud]]:
-    try:
-        archive = np.load(path, allow_pickle=False)
-        names = sorted(name for name in archive.files if name.startswith("frame_") and name[6:].isdigit())
-    except (OSError, ValueError) as error:
-        raise InvalidClouds(f"cannot be read ({error}).", where=str(path), hint="Write it with numpy.savez.") from error
-    rate = _rate(archive.get("frame_rate_hz"), f"{path}#/frame_rate_hz")
-    times = _times(archive.get("times_s"), len(names), rate, f"{path}#/times_s")
-    unit = UNITS.get(str(archive.get("unit", "m")), 1.0)
-
-    def clouds() -> Iterator[PointCloud]:
-        for name, time in zip(names, times, strict=True):
-            points = checked(np.asarray(archive[name], dtype=float) * unit, f"{path}#/{name}")
-            yield PointCloud(points=points, colors=np.full((len(points), 3), 0.5), time=float(time))
-
-    return rate, clouds()
-
-
-def _rate(value: Any, where: str) -> float:
-    try:
-        rate = float(value)
-    except (TypeError, ValueError):
-        rate = 0.0
-    if not (np.isfinite(rate) and rate > 0):
-        raise InvalidClouds(f"the frame rate is {value!r}.", where=where, hint="Give the frames per second, above 0.")
-    return rate
-
-
-def _times(value: Any, count: int, rate: float, where: str) -> np.ndarray:
-    if count == 0:
-        raise InvalidClouds("holds no clouds.", where=where.split("#")[0], hint="Name them frame_0000 and so on.")
-    if value is None:
-        return np.arange(count) / rate
-    times = np.asarray(value, dtype=float)
-    if times.shape != (count,):
-        raise InvalidClouds(f"{times.size} times for {count} clouds.", where=where, hint="Give one time a cloud.")
-    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise InvalidClouds("the times do not increase.", where=where, hint="Put the clouds in the order of time.")
-    return times
+def _colors(loaded: Any, count: int) -> np.ndarray:
+    colors = getattr(loaded, "colors", None)
+    if colors is None or np.shape(colors)[:1] != (count,):
+        return np.full((count, 3), 0.5)
+    return np.asarray(colors)[:, :3] / 255.0

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from nerfmodal.surface.robust import Prior, RobustFit
-from nerfmodal.types import DisplacementMatrix, SensorGrid
+from nerfmodal.types import DisplacementMatrix, SensorGrid, SurfaceKind
 
 Reference = Literal["mean", "first", "previous"]
 
@@ -50,7 +50,7 @@ class Track:
     """The motion of one organ."""
 
     organ: str
-    surface: Literal["polynomial", "cylinder"]
+    surface: SurfaceKind
     displacement: DisplacementMatrix
 
 
@@ -79,7 +79,7 @@ def track_of(
     fits: list[RobustFit | None],
     *,
     organ: str,
-    kind: Literal["polynomial", "cylinder"],
+    kind: SurfaceKind,
     reference: Reference,
     times: Float[np.ndarray, " frames"],
     frame_rate: float,

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from nerfmodal.errors import InvalidClouds
 from nerfmodal.geometry.frames import inside_box
-from nerfmodal.spec import OrganSpec
+from nerfmodal.spec import OrganSpec, OrientedBox
 from nerfmodal.surface.cylinder import choose_cylinder
 from nerfmodal.surface.polynomial import choose_polynomial
 from nerfmodal.surface.pooled import refit_pooled
@@ -59,7 +59,7 @@ def measure_organ(
         The organ's region holds no points in any frame, or they are NaN, collinear or seemingly in millimetres.
     """
     chosen = [None if cloud is None else _points_of(organ, cloud, index) for index, cloud in enumerate(clouds)]
-    surface = _choose(organ, _pool(organ, chosen, rng))
+    surface = _choose(organ, _pool(organ, chosen, clouds, rng))
     fits: list[RobustFit | None] = []
     for index, points in enumerate(chosen):
         report(index, 2 * len(chosen), f"{organ.name}: fitting the {organ.surface} of frame {index}")
@@ -83,16 +83,25 @@ def _points_of(organ: OrganSpec, cloud: PointCloud, index: int) -> np.ndarray:
             where=f"frame {index}",
             hint="Remove NaN and infinite points before writing the cloud.",
         )
-    return points if organ.region is None else points[inside_box(organ.region, points)]
+    return points[inside_box(organ.region, points)] if isinstance(organ.region, OrientedBox) else points
 
 
-def _pool(organ: OrganSpec, chosen: Sequence[np.ndarray | None], rng: np.random.Generator) -> np.ndarray:
+def _pool(
+    organ: OrganSpec,
+    chosen: Sequence[np.ndarray | None],
+    clouds: Sequence[PointCloud | None],
+    rng: np.random.Generator,
+) -> np.ndarray:
     present = [points for points in chosen if points is not None and len(points)]
-    if sum(map(len, present)) < 10:
+    most = max(map(len, present), default=0)
+    if most < FEWEST_INLIERS:
         raise InvalidClouds(
-            f"the region of organ '{organ.name}' contains no points.",
+            f"the region of organ '{organ.name}' contains no points."
+            if most == 0 and isinstance(organ.region, OrientedBox)
+            else f"organ '{organ.name}' has at most {most} points in a frame; {FEWEST_INLIERS} are needed.",
             where=f"/organs/{organ.name}/region",
-            hint="Move or enlarge the region so that it holds the organ; it is in metres, in the clouds' own axes.",
+            hint="Give a region that holds the organ, in metres and in the clouds' own axes, or denser clouds; "
+            f"the clouds span {_span(clouds)}.",
         )
     share = max(1, POOLED_POINTS // len(present))
     pooled = np.concatenate([points[rng.permutation(len(points))[:share]] for points in present])
@@ -104,6 +113,14 @@ def _pool(organ: OrganSpec, chosen: Sequence[np.ndarray | None], rng: np.random.
             hint='Say so in clouds.json ("unit": "mm") or scale the points to metres.',
         )
     return pooled
+
+
+def _span(clouds: Sequence[PointCloud | None]) -> str:
+    present = [cloud.points for cloud in clouds if cloud is not None and len(cloud.points)]
+    if not present:
+        return "nothing: they are all empty"
+    low, high = (np.median([end(points, axis=0) for points in present], axis=0) for end in (np.min, np.max))
+    return ", ".join(f"{axis} {a:.3g} to {b:.3g} m" for axis, a, b in zip("xyz", low, high, strict=True))
 
 
 def _choose(organ: OrganSpec, pooled: np.ndarray) -> Surface:

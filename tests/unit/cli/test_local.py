@@ -94,9 +94,9 @@ def test_reconstruct_writes_clouds_that_identify_reads(call: Call, tmp_path: Pat
     done = call("reconstruct", "cap", "--out", "clouds")
     assert done.exit_code == 0, done.output
     assert fake_stages == ["first", "tune 0", "tune 1", "tune 2"]
-    rate, clouds = io.read_cloud_sequence(tmp_path / "clouds")
+    clouds = io.open_clouds(tmp_path / "clouds")
     read = list(clouds)
-    assert rate == pytest.approx(30)
+    assert clouds.frame_rate == pytest.approx(30)
     for k in range(3):
         np.testing.assert_allclose(read[k].points, cloud(k).points)
         assert read[k].time == pytest.approx(k / 30)

@@ -1,12 +1,11 @@
 """What is written is read back equal, and a write that fails leaves what was there before."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from nerfmodal import io
-from nerfmodal.errors import InvalidCapture, InvalidClouds, InvalidInput
+from nerfmodal.errors import InvalidCapture, InvalidInput
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.spec import RigSpec
 from nerfmodal.types import (
@@ -153,49 +152,6 @@ def test_an_empty_cloud_survives(tmp_path: Path) -> None:
     cloud = PointCloud(points=np.empty((0, 3)), colors=np.empty((0, 3)), time=0.0, outcome=Outcome.EMPTY_FIELD)
     io.write_cloud(tmp_path / "frame_0000.ply", cloud)
     assert io.read_cloud(tmp_path / "frame_0000.ply").points.shape == (0, 3)
-
-
-def test_a_folder_and_an_archive_give_the_same_clouds(tmp_path: Path, rng: np.random.Generator) -> None:
-    points = rng.normal(size=(2, 6, 3))
-    for index, cloud in enumerate(points):
-        trimmed = PointCloud(points=cloud * 1000, colors=np.zeros((6, 3)), time=index / 30)
-        io.write_cloud(tmp_path / f"frame_{index:04d}.ply", trimmed)
-    (tmp_path / "clouds.json").write_text(json.dumps({"frame_rate_hz": 30, "unit": "mm"}))
-    np.savez(tmp_path / "clouds.npz", frame_rate_hz=30.0, frame_0000=points[0], frame_0001=points[1])
-    (rate, folder), (other_rate, archive) = (
-        io.read_cloud_sequence(tmp_path),
-        io.read_cloud_sequence(tmp_path / "clouds.npz"),
-    )
-    assert rate == other_rate == 30
-    for one, other in zip(folder, archive, strict=True):
-        np.testing.assert_allclose(one.points, other.points)
-        assert one.time == other.time
-
-
-@pytest.mark.parametrize(
-    ("header", "named"),
-    [
-        ({"frame_rate_hz": 0}, "frame_rate_hz"),
-        ({}, "frame_rate_hz"),
-        ({"frame_rate_hz": 30, "unit": "inch"}, "unit"),
-        ({"frame_rate_hz": 30, "times_s": [0.1, 0.1]}, "times_s"),
-        ({"frame_rate_hz": 30, "times_s": [0.1]}, "times_s"),
-    ],
-)
-def test_a_wrong_header_names_its_key(tmp_path: Path, header: dict[str, object], named: str) -> None:
-    for index in range(2):
-        cloud = PointCloud(points=np.zeros((1, 3)), colors=np.zeros((1, 3)), time=0.0)
-        io.write_cloud(tmp_path / f"frame_{index:04d}.ply", cloud)
-    (tmp_path / "clouds.json").write_text(json.dumps(header))
-    with pytest.raises(InvalidClouds, match=named):
-        io.read_cloud_sequence(tmp_path)
-
-
-def test_nan_points_are_refused_with_their_file(tmp_path: Path) -> None:
-    np.savez(tmp_path / "c.npz", frame_rate_hz=30.0, frame_0000=np.full((2, 3), np.nan))
-    _, clouds = io.read_cloud_sequence(tmp_path / "c.npz")
-    with pytest.raises(InvalidClouds, match="frame_0000"):
-        list(clouds)
 
 
 def test_the_truth_survives(tmp_path: Path, rng: np.random.Generator) -> None:
