@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 from nerfmodal.identify import identify
-from nerfmodal.identify.reduction import reduce_coefficients, reduce_matrix
-from nerfmodal.identify.subspace import identify_subspace
+from nerfmodal.identify.readings import Record
+from nerfmodal.identify.reduction import principal_axes, reduce_coefficients
+from nerfmodal.identify.subspace import read_subspace
 from nerfmodal.spec import IdentificationSpec
 from nerfmodal.surface.basis import PolynomialBasis
 from nerfmodal.surface.robust import fit_robustly
@@ -87,7 +88,8 @@ def example_rows(_seeds: int) -> Iterator[Row]:
     algorithm.mpe(sel_freq=list(true), order_in=10)
     theirs = algorithm.result
     displacement = replace(displacement_of(record), times=np.arange(len(record)) / 100.0, frame_rate=100.0)
-    ours = identify_subspace(displacement, reduce_matrix(record, 5), max_modes=8)
+    axes = principal_axes(displacement.coefficients, displacement.basis)
+    ours = read_subspace(Record(displacement=displacement, axes=axes), 5, max_modes=8)
     places = [int(np.argmin(np.abs(ours.frequencies - frequency))) for frequency in theirs.Fn]
     frequency = np.abs(ours.frequencies[places] - theirs.Fn) / theirs.Fn_std
     damping = np.abs(ours.damping_ratios[places] - theirs.Xi) / theirs.Xi_std

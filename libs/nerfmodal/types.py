@@ -210,13 +210,17 @@ class Sources:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeQuality:
-    """What is known of one mode beside its numbers. `mac_between_methods` is None where one method saw it."""
+    """What is known of one mode beside its numbers.
+
+    `agreeing` are the other methods that see it, `mac_between_methods` the best MAC with them: None where none does.
+    """
 
     energy_share: float
     mpc: float
     mac_between_methods: float | None
     verdict: Verdict
     reasons: tuple[Reason, ...] = ()
+    agreeing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,163 +1,103 @@
-"""From what the estimators found to the one modal model: shapes, coordinates, energy, agreement, verdict."""
+"""From the fitted lines to the one modal model: shapes, coordinates, energy, consensus, verdict."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from nerfmodal.identify.lines import damped_columns
-from nerfmodal.identify.metrics import mac_matrix, mpc, pair
-from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, unit_max
+from nerfmodal.identify.metrics import mpc
+from nerfmodal.identify.readings import Consensus, Reading, Record, consensus, normalised
+from nerfmodal.identify.shapes import coordinates_of, rotate_to_real
 from nerfmodal.identify.sinusoids import SinusoidFit
 from nerfmodal.identify.verdicts import combination_lines, reasons_of, verdict_of
-from nerfmodal.types import DisplacementMatrix, ModalModel, ModeQuality, Opinion, Outcome
-
-ALIKE = 0.8
-"""MAC from which two methods are said to agree on a mode."""
-AGREE_SHARE = 0.03
-"""They may differ in frequency by this share, or by half a line's width (0.5 / record length)."""
+from nerfmodal.types import ModalModel, ModeQuality, Outcome
 
 CLEAR = 3.0
 """Amplitude over residual from which a line is no drift of the clouds' errors."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
-    """The record in its principal components (dofs, channels), its scores, and the lines fitted to them."""
-
-    displacement: DisplacementMatrix
-    components: Float[np.ndarray, "dofs channels"]
-    scores: Float[np.ndarray, "frames rank"]
-    fit: SinusoidFit
-
-    @property
-    def duration(self) -> float:
-        """Length of the record, seconds: the last frame lasts as long as the others."""
-        times = self.displacement.times
-        return float(times[-1] - times[0]) + 1.0 / self.displacement.frame_rate
-
-
-def model_of_fit(evidence: Evidence, other: Opinion) -> ModalModel:
-    """The modes of the damped-sinusoid fit, judged with `other`'s opinion."""
-    fit = evidence.fit
-    complex_shapes = evidence.components @ fit.amplitudes.T
-    shapes, _ = unit_max(rotate_to_real(complex_shapes))
-    coordinates = _coordinates(evidence, shapes)
-    phases = np.array([mpc(shape) for shape in complex_shapes.T])
-    amplitudes = np.abs(complex_shapes).max(axis=0)
-    agreement = agreement_with(evidence, fit.frequencies, shapes, other)
-    return build_model(
-        evidence,
-        fit.frequencies,
-        fit.frequency_stds,
-        fit.damping_ratios,
-        fit.damping_stds,
-        shapes,
-        coordinates,
-        _judge(evidence, shapes, coordinates, amplitudes, phases, agreement),
+def read_fit(record: Record, fit: SinusoidFit) -> Reading:
+    """The damped-sinusoid fit as one of the readings."""
+    local, shapes, _ = normalised(record.axes, rotate_to_real(fit.amplitudes.T))
+    return Reading(
+        method="damped_sinusoids",
+        frequencies=fit.frequencies,
+        damping_ratios=fit.damping_ratios,
+        local=local,
+        shapes=shapes,
+        coordinates=_coordinates(record, fit, local),
     )
+
+
+def model_of_fit(record: Record, fit: SinusoidFit, reading: Reading, others: Sequence[Reading]) -> ModalModel:
+    """The modes of the damped-sinusoid fit, judged with the others' opinions."""
+    phases = np.array([mpc(local) for local in fit.amplitudes])
+    quality = _judge(record, fit, reading, phases, consensus(reading, others, record.duration))
+    return build_model(record, reading, fit.frequency_stds, fit.damping_stds, quality)
 
 
 def build_model(
-    evidence: Evidence,
-    frequencies: Float[np.ndarray, " modes"],
+    record: Record,
+    reading: Reading,
     frequency_stds: Float[np.ndarray, " modes"],
-    ratios: Float[np.ndarray, " modes"],
     damping_stds: Float[np.ndarray, " modes"],
-    shapes: Float[np.ndarray, "dofs modes"],
-    coordinates: Float[np.ndarray, "frames modes"],
     quality: tuple[ModeQuality, ...],
 ) -> ModalModel:
-    """The model of these modes; its outcome is NO_MOTION if there are none."""
-    sensors, axes = len(evidence.displacement.sensors.positions), len(evidence.displacement.directions)
+    """The model of a reading's modes; its outcome is NO_MOTION if there are none."""
     return ModalModel(
-        frequencies=frequencies,
+        frequencies=reading.frequencies,
         frequency_stds=frequency_stds,
-        damping_ratios=ratios,
+        damping_ratios=reading.damping_ratios,
         damping_stds=damping_stds,
-        mode_shapes=shapes.reshape(sensors, axes, -1),
-        coordinates=coordinates,
+        mode_shapes=reading.opinion(record.displacement).mode_shapes,
+        coordinates=reading.coordinates,
         quality=quality,
-        outcome=Outcome.OK if len(frequencies) else Outcome.NO_MOTION,
+        outcome=Outcome.OK if len(reading.frequencies) else Outcome.NO_MOTION,
     )
 
 
-def _coordinates(evidence: Evidence, shapes: np.ndarray) -> np.ndarray:
+def energy_shares(record: Record, reading: Reading) -> Float[np.ndarray, " modes"]:
+    """Each mode's share of the displacement's energy; shapes that are not orthogonal may sum to more than 1."""
+    valid = record.displacement.valid
+    total = (record.axes.scores[valid] ** 2).sum()
+    sizes = (reading.coordinates[valid] ** 2).sum(axis=0) * (reading.local**2).sum(axis=0)
+    return np.asarray(sizes / max(total, 1e-300))
+
+
+def _coordinates(record: Record, fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
     """q by least squares in the seen frames; in lost ones what the fitted lines say."""
-    local = evidence.components.T @ shapes
-    coordinates = coordinates_of(evidence.scores[:, : local.shape[0]], local)
-    lost = ~evidence.displacement.valid
-    if lost.any() and shapes.shape[1]:
-        coordinates[lost] = _predicted(evidence, local)[lost]
+    coordinates = coordinates_of(record.axes.scores[:, : len(local)], local)
+    lost = ~record.displacement.valid
+    if lost.any() and local.shape[1]:
+        coordinates[lost] = _predicted(record.displacement.times, fit, local)[lost]
     return coordinates
 
 
-def _predicted(evidence: Evidence, local: np.ndarray) -> np.ndarray:
-    fit = evidence.fit
+def _predicted(times: np.ndarray, fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
     scale = (fit.amplitudes * local.T).sum(axis=1) / (local**2).sum(axis=0)
     lines = np.column_stack([fit.frequencies, fit.damping_ratios])
-    instants = np.concatenate([fit.times[:1], evidence.displacement.times])
-    columns = damped_columns(instants, lines)[1:]
+    columns = damped_columns(np.concatenate([fit.times[:1], times]), lines)[1:]
     return np.asarray(columns[:, 1::2] * scale.real - columns[:, 2::2] * scale.imag)
 
 
-def energy_shares(
-    evidence: Evidence, shapes: Float[np.ndarray, "dofs modes"], coordinates: Float[np.ndarray, "frames modes"]
-) -> Float[np.ndarray, " modes"]:
-    """Each mode's share of the displacement's energy; shapes that are not orthogonal may sum to more than 1."""
-    valid = evidence.displacement.valid
-    total = (evidence.scores[valid] ** 2).sum()
-    return np.asarray((coordinates[valid] ** 2).sum(axis=0) * (shapes**2).sum(axis=0) / max(total, 1e-300))
+def _amplitudes(record: Record, fit: SinusoidFit) -> np.ndarray:
+    """Largest first amplitude of each line anywhere on the organ, metres."""
+    real, imaginary = (record.axes.lift(part) for part in (fit.amplitudes.T.real, fit.amplitudes.T.imag))
+    return np.sqrt((real**2 + imaginary**2).max(axis=0))
 
 
-def _residual_sizes(evidence: Evidence, shapes: np.ndarray) -> np.ndarray:
+def _residual_sizes(fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
     """Standard deviation along each shape of what the fit leaves, metres of modal coordinate."""
-    weights = np.linalg.pinv(evidence.components.T @ shapes)
-    return np.asarray(np.sqrt(np.einsum("mc,cd,md->m", weights, evidence.fit.noise, weights)))
-
-
-def agreement_with(
-    evidence: Evidence,
-    frequencies: Float[np.ndarray, " modes"],
-    shapes: Float[np.ndarray, "dofs modes"],
-    other: Opinion,
-) -> list[float | None]:
-    """MAC with the mode that `other` has at the same frequency with a like shape; None without one."""
-    theirs = other.mode_shapes.reshape(-1, len(other.frequencies))
-    return paired_mac(frequencies, shapes, other.frequencies, theirs, evidence.duration)
-
-
-def paired_mac(
-    frequencies: Float[np.ndarray, " modes"],
-    shapes: Float[np.ndarray, "dofs modes"],
-    others: Float[np.ndarray, " others"],
-    other_shapes: Float[np.ndarray, "dofs others"],
-    duration: float,
-) -> list[float | None]:
-    """MAC with the mode of the other method that is at the same frequency and alike; None without one."""
-    likeness = mac_matrix(shapes, other_shapes)
-    width = max(0.5 / duration, AGREE_SHARE * float(frequencies.max(initial=0.0)))
-    paired = dict(pair(frequencies, others, likeness, within_hz=width))
-    result: list[float | None] = []
-    for mode, frequency in enumerate(frequencies):
-        partner = paired.get(mode)
-        near = partner is not None and abs(others[partner] - frequency) <= max(0.5 / duration, AGREE_SHARE * frequency)
-        alike = float(likeness[mode, partner]) if partner is not None and near else 0.0
-        result.append(alike if alike >= ALIKE else None)
-    return result
+    weights = np.linalg.pinv(local)
+    return np.asarray(np.sqrt(np.einsum("mc,cd,md->m", weights, fit.noise, weights)))
 
 
 def _judge(
-    evidence: Evidence,
-    shapes: np.ndarray,
-    coordinates: np.ndarray,
-    amplitudes: np.ndarray,
-    phases: np.ndarray,
-    agreement: list[float | None],
+    record: Record, fit: SinusoidFit, reading: Reading, phases: np.ndarray, agreed: list[Consensus]
 ) -> tuple[ModeQuality, ...]:
-    fit = evidence.fit
-    energy = energy_shares(evidence, shapes, coordinates)
-    residuals = _residual_sizes(evidence, shapes)
+    energy, residuals = energy_shares(record, reading), _residual_sizes(fit, reading.local)
+    amplitudes = _amplitudes(record, fit)
     combination = combination_lines(fit.frequencies, fit.frequency_stds, amplitudes)
     lag_one = fit.lag_one(amplitudes >= CLEAR * residuals)
     quality = []
@@ -170,17 +110,18 @@ def _judge(
             strongest=float(amplitudes.max()),
             residual=float(residuals[mode]),
             mpc=float(phases[mode]),
-            agreement=agreement[mode],
+            agreement=agreed[mode].mac,
             combination=combination[mode],
-            duration=evidence.duration,
-            frame_rate=evidence.displacement.frame_rate,
+            duration=record.duration,
+            frame_rate=record.displacement.frame_rate,
             lag_one=lag_one,
         )
         quality.append(
             ModeQuality(
                 energy_share=float(energy[mode]),
                 mpc=float(phases[mode]),
-                mac_between_methods=agreement[mode],
+                mac_between_methods=agreed[mode].mac,
+                agreeing=agreed[mode].methods,
                 verdict=verdict_of(reasons, float(amplitudes[mode] / max(residuals[mode], 1e-300))),
                 reasons=reasons,
             )

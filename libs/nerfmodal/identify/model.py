@@ -11,18 +11,18 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from nerfmodal.identify.assemble import Evidence, model_of_fit
+from nerfmodal.identify.assemble import model_of_fit, read_fit
 from nerfmodal.identify.excitation import is_ambient
 from nerfmodal.identify.opinions import pursue
-from nerfmodal.identify.reduction import reduce_coefficients
+from nerfmodal.identify.readings import Reading, Record
+from nerfmodal.identify.reduction import principal_axes
 from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
-from nerfmodal.identify.sinusoids import fit_sinusoids, useful_channels
-from nerfmodal.identify.subspace import identify_subspace
+from nerfmodal.identify.sinusoids import SinusoidFit, fit_sinusoids, useful_channels
+from nerfmodal.identify.subspace import read_subspace
 from nerfmodal.spec import IdentificationSpec, OrganSpec
 from nerfmodal.types import (
     DisplacementMatrix,
     ModalModel,
-    Opinion,
     OrganResult,
     Outcome,
     PointCloud,
@@ -97,42 +97,51 @@ def identify(
     valid = displacement.valid
     if int(valid.sum()) < FEWEST_FRAMES:
         return _without_modes(displacement, surface, None, Outcome.TOO_FEW_FRAMES)
-    full = reduce_coefficients(displacement.coefficients, displacement.basis)
-    channels = useful_channels(full.scores[valid])
-    if full.singular_values[0] <= 0:
-        return _without_modes(displacement, surface, full, Outcome.NO_MOTION)
+    record = Record(displacement=displacement, axes=principal_axes(displacement.coefficients, displacement.basis))
+    scores = record.axes.scores[valid]
+    channels = useful_channels(scores)
+    if record.axes.singular_values[0] <= 0:
+        return _without_modes(displacement, surface, record.axes.reduction(channels), Outcome.NO_MOTION)
     fit = fit_sinusoids(
         displacement.times[valid],
-        full.scores[valid][:, :channels],
+        scores[:, :channels],
         frame_rate=displacement.frame_rate,
         max_modes=settings.max_modes,
         rng=organ_generator(seed, displacement.sensors.organ),
     )
-    reduction = first_components(full, _components(settings, len(fit.frequencies), channels))
-    pursued = pursue(displacement, reduction)
-    evidence = Evidence(
-        displacement=displacement, components=full.components[:, :channels], scores=full.scores, fit=fit
+    count = _components(settings, len(fit.frequencies), channels)
+    readings = (
+        read_fit(record, fit),
+        pursue(record, count),
+        read_subspace(record, count, max_modes=settings.max_modes),
     )
-    subspace = identify_subspace(displacement, reduction, max_modes=settings.max_modes)
     return OrganResult(
         organ=displacement.sensors.organ,
         surface=surface,
         displacement=displacement,
-        reduction=reduction,
-        model=_choose(settings, evidence, pursued, subspace),
-        opinions=(pursued, subspace),
+        reduction=record.axes.reduction(count),
+        model=_choose(settings, record, fit, *readings),
+        opinions=tuple(reading.opinion(displacement) for reading in readings),
     )
 
 
-def _choose(settings: IdentificationSpec, evidence: Evidence, pursued: Opinion, subspace: Opinion) -> ModalModel:
-    """The estimator that suits the settings and the record; the others are heard as opinions."""
+def _choose(
+    settings: IdentificationSpec,
+    record: Record,
+    fit: SinusoidFit,
+    fitted: Reading,
+    pursued: Reading,
+    subspace: Reading,
+) -> ModalModel:
+    """The estimator that suits the settings and the record; the other two are heard."""
     if settings.method == "complexity_pursuit":
-        return model_of_pursuit(pursued, evidence)
-    fitted = model_of_fit(evidence, pursued)
-    energy = float((evidence.scores[evidence.displacement.valid] ** 2).sum())
+        return model_of_pursuit(record, pursued, (fitted, subspace))
+    energy = float((record.axes.scores[record.displacement.valid] ** 2).sum())
     ambient = settings.excitation == "ambient"
-    ambient |= settings.excitation == "auto" and is_ambient(evidence.fit.residuals, energy)
-    return model_of_subspace(subspace, evidence, pursued) if ambient else fitted
+    ambient |= settings.excitation == "auto" and is_ambient(fit.residuals, energy)
+    if ambient:
+        return model_of_subspace(record, subspace, (fitted, pursued))
+    return model_of_fit(record, fit, fitted, (pursued, subspace))
 
 
 def identify_scan(
@@ -185,16 +194,6 @@ def identify_scan(
 def organ_generator(seed: int, organ: str) -> np.random.Generator:
     """Random numbers of one organ, independent of the others'."""
     return np.random.default_rng([seed, zlib.crc32(organ.encode())])
-
-
-def first_components(full: Reduction, count: int) -> Reduction:
-    """The leading `count` components (U_r of eq 12); all singular values are kept."""
-    return Reduction(
-        components=full.components[:, :count],
-        scores=full.scores[:, :count],
-        singular_values=full.singular_values,
-        mean=full.mean,
-    )
 
 
 def _components(settings: IdentificationSpec, found: int, channels: int) -> int:

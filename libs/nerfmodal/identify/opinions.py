@@ -3,20 +3,20 @@
 import numpy as np
 
 from nerfmodal.identify.damping import logarithmic_decrement
+from nerfmodal.identify.readings import Reading, Record, normalised
 from nerfmodal.identify.separation import pursue_complexity
-from nerfmodal.identify.shapes import shapes_of_sources, unit_max
 from nerfmodal.identify.spectra import peak_frequency, resample_evenly
-from nerfmodal.types import DisplacementMatrix, Opinion, Reduction
 
 
-def pursue(displacement: DisplacementMatrix, reduction: Reduction) -> Opinion:
-    """Modes by PCA + complexity pursuit + peak + decrement (eqs 12-16), the most energetic first.
+def pursue(record: Record, count: int) -> Reading:
+    """Modes by `count` principal components + complexity pursuit + peak + decrement (eqs 12-16), strongest first.
 
     Gaps and uneven stamps are bridged by straight lines here only; coordinates are at the frames' own instants.
     """
-    even = resample_evenly(displacement.times, reduction.scores, displacement.frame_rate)
+    displacement, scores = record.displacement, record.axes.scores[:, :count]
+    even = resample_evenly(displacement.times, scores, displacement.frame_rate)
     sources = pursue_complexity(even)
-    shapes, factors = unit_max(shapes_of_sources(reduction, sources))
+    local, shapes, factors = normalised(record.axes, sources.mixing.T)  # eq 15: Phi = Psi U_rᵀ
     coordinates = sources.coordinates * factors
     rate = displacement.frame_rate
     frequencies = np.array([peak_frequency(series, rate) for series in coordinates.T])
@@ -24,10 +24,11 @@ def pursue(displacement: DisplacementMatrix, reduction: Reduction) -> Opinion:
         [logarithmic_decrement(series, line, rate) for series, line in zip(coordinates.T, frequencies, strict=True)]
     )
     grid = displacement.times[0] + np.arange(len(even)) / rate
-    return Opinion(
+    return Reading(
         method="complexity_pursuit",
         frequencies=frequencies,
         damping_ratios=ratios,
-        mode_shapes=shapes.reshape(len(displacement.sensors.positions), -1, shapes.shape[1]),
+        local=local,
+        shapes=shapes,
         coordinates=np.stack([np.interp(displacement.times, grid, series) for series in coordinates.T], axis=1),
     )

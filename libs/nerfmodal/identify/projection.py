@@ -62,13 +62,16 @@ def _linearise(times: np.ndarray, white: np.ndarray, lines: np.ndarray) -> tuple
     projected = orthogonal.T @ white
     residuals = white - orthogonal @ projected
     amplitudes = np.linalg.lstsq(triangle, projected, rcond=None)[0]
-    slopes = np.stack(
-        [
-            derivative @ amplitudes[1 + 2 * mode : 3 + 2 * mode]
-            for parameter in (0, 1)
-            for mode, derivative in enumerate(column_derivatives(times, lines, parameter))
-        ]
-    )
-    slopes = slopes - np.einsum("fk,kg,pgc->pfc", orthogonal, orthogonal.T, slopes, optimize=True)
-    flat = slopes.reshape(len(slopes), -1)
-    return float((residuals**2).sum()), flat @ flat.T, flat @ residuals.ravel()
+    slopes = np.hstack([each for parameter in (0, 1) for each in column_derivatives(times, lines, parameter)])
+    slopes = slopes - orthogonal @ (orthogonal.T @ slopes)  # Kaufman: what the columns' slopes add to the columns
+    pairs = np.vstack([amplitudes[1:], amplitudes[1:]])
+    # column p of the Jacobian is slopes_p @ pair_p, frames x channels: its products need neither frames nor channels
+    normal = _sum_pairs((slopes.T @ slopes) * (pairs @ pairs.T))
+    gradient = ((slopes.T @ residuals) * pairs).sum(axis=1).reshape(-1, 2).sum(axis=1)
+    return float((residuals**2).sum()), normal, gradient
+
+
+def _sum_pairs(products: np.ndarray) -> np.ndarray:
+    """Sums over the blocks of two rows and two columns, cosine and sine of one line."""
+    size = len(products) // 2
+    return np.asarray(products.reshape(size, 2, size, 2).sum(axis=(1, 3)))

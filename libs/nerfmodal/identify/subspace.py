@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from nerfmodal.identify.metrics import mac, mpc
-from nerfmodal.identify.shapes import coordinates_of, rotate_to_real, unit_max
+from nerfmodal.identify.readings import Reading, Record, normalised
+from nerfmodal.identify.shapes import coordinates_of, rotate_to_real
 from nerfmodal.identify.spectra import resample_evenly
 from nerfmodal.identify.whittle import SLOPES, refine_resonance
-from nerfmodal.types import DisplacementMatrix, Opinion, Reduction
 
 LOWEST_HZ = 0.35
 FEWEST_LAGS, MOST_LAGS = 8, 20
@@ -75,21 +75,23 @@ def cluster(poles: tuple[Pole, ...]) -> list[list[Pole]]:
     return sorted(clusters, key=lambda group: float(np.median([pole.frequency for pole in group])))
 
 
-def identify_subspace(displacement: DisplacementMatrix, reduction: Reduction, *, max_modes: int) -> Opinion:
-    """Modes by stochastic subspace identification of the leading scores, sorted by frequency."""
-    even = resample_evenly(displacement.times, reduction.scores, displacement.frame_rate)
+def read_subspace(record: Record, count: int, *, max_modes: int) -> Reading:
+    """Modes by stochastic subspace identification of `count` leading scores, sorted by frequency."""
+    displacement = record.displacement
+    even = resample_evenly(displacement.times, record.axes.scores[:, :count], displacement.frame_rate)
     groups = cluster(stabilise(even, displacement.frame_rate, max_modes=max_modes))[:max_modes]
-    local = np.array([_middle(group).shape for group in groups], dtype=complex).reshape(len(groups), even.shape[1]).T
-    shapes, _ = unit_max(rotate_to_real(reduction.components @ local))
-    coordinates = coordinates_of(even, reduction.components.T @ shapes) if groups else np.zeros((len(even), 0))
+    middles = np.array([_middle(group).shape for group in groups], dtype=complex).reshape(len(groups), count).T
+    local, shapes, _ = normalised(record.axes, rotate_to_real(middles))
+    coordinates = coordinates_of(even, local) if groups else np.zeros((len(even), 0))
     grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
     at_frames = [np.interp(displacement.times, grid, series) for series in coordinates.T]
     lines = _refined(groups, coordinates, displacement.frame_rate)
-    return Opinion(
+    return Reading(
         method="subspace",
         frequencies=lines[:, 0],
         damping_ratios=lines[:, 1],
-        mode_shapes=shapes.reshape(len(displacement.sensors.positions), len(displacement.directions), len(groups)),
+        local=local,
+        shapes=shapes,
         coordinates=np.array(at_frames).reshape(len(groups), len(displacement.times)).T,
     )
 
