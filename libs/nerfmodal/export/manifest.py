@@ -15,6 +15,9 @@ MEDIA_TYPES = {
     ".uff": "application/x-uff",
     ".parquet": "application/vnd.apache.parquet",
     ".csv": "text/csv",
+    ".vtp": "application/vnd.vtk.polydata+xml",
+    ".zip": "application/zip",
+    ".mp4": "video/mp4",
 }
 UNITS = {
     ".npz": "m, s, Hz",
@@ -24,6 +27,8 @@ UNITS = {
     ".uff": "m, s, Hz",
     ".ply": "m",
     ".glb": "m",
+    ".vtp": "m, Hz",
+    ".zip": "m, s, Hz (attribute `unit` of every array)",
 }
 BLOCK = 1 << 20
 

@@ -1,10 +1,9 @@
-"""Modes as a document (`modes.json`), as a table (`modes.csv`) and as arrays (`shapes/<organ>_<k>.npz`).
+"""Modes as a document (`modes.json`) and as arrays (`shapes/<organ>_<k>.npz`).
 
 SI units with a unit suffix on every key; modes count from 0 within their organ, sorted by frequency. A number that is
 not known (a standard deviation that could not be computed, an agreement where one method alone saw the mode) is null.
 """
 
-import csv
 import json
 import math
 from dataclasses import asdict
@@ -49,10 +48,10 @@ def duration(result: ScanResult) -> float:
 
 
 def write_modes(result: ScanResult, spec: ScanSpec, out: Path) -> tuple[Path, ...]:
-    """Write `modes.json`, `modes.csv` and one file for each shape under `out`; returns what was written."""
+    """Write `modes.json` and one file for each shape under `out`; returns what was written."""
     document = modes_document(result, spec)
     shapes = [_write_shape(organ, k, out) for organ in result.organs for k in range(len(organ.model.frequencies))]
-    return (write_json(document, out / "modes.json"), _write_table(document, out / "modes.csv"), *shapes)
+    return (write_json(document, out / "modes.json"), *shapes)
 
 
 def write_json(document: dict[str, Any], path: Path) -> Path:
@@ -133,33 +132,3 @@ def _write_shape(organ: OrganResult, k: int, out: Path) -> Path:
             directions=organ.displacement.directions,
         )
     return path
-
-
-def _write_table(document: dict[str, Any], path: Path) -> Path:
-    rows = [{"organ": organ["name"]} | mode for organ in document["organs"] for mode in organ["modes"]]
-    rows = [row | {"reasons": " ".join(row["reasons"])} for row in rows]
-    with atomic_write(path) as temporary, temporary.open("w", newline="") as file:
-        table = csv.DictWriter(file, fieldnames=TABLE_COLUMNS)
-        table.writeheader()
-        table.writerows(rows)
-    return path
-
-
-TABLE_COLUMNS = (
-    "organ",
-    "mode",
-    "natural_frequency_hz",
-    "natural_frequency_hz_std",
-    "damped_frequency_hz",
-    "damped_frequency_hz_std",
-    "damping_ratio",
-    "damping_ratio_std",
-    "amplitude_m",
-    "energy_share",
-    "mpc",
-    "mac_between_methods",
-    "verdict",
-    "reasons",
-    "normalisation",
-    "shape",
-)

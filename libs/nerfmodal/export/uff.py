@@ -1,8 +1,9 @@
 """Modes as a universal file (`modes.uff`), the format that modal-analysis software reads.
 
-ASCII, fixed columns; data sets 151 (header), 164 (units: SI), 15 (nodes), 55 (mode shapes) and 58 (modal coordinates),
-as the Structural Dynamics Research Laboratory of the University of Cincinnati documents them. Nodes are the sensors of
-all organs, numbered from 1 through the scan; a set 55 holds the nodes of its own organ. Shapes in world x, y, z.
+ASCII, fixed columns; data sets 151 (header), 164 (units: SI), 15 (nodes), 82 (lines between neighbouring nodes), 55
+(mode shapes) and 58 (modal coordinates), as the Structural Dynamics Research Laboratory of the University of Cincinnati
+documents them. Nodes are the sensors of all organs, numbered from 1 through the scan; a set 82 or 55 holds the nodes of
+its own organ. Shapes in world x, y, z.
 """
 
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from nerfmodal.geometry.skins import edges, rod_order, sheet_triangles
 from nerfmodal.io import atomic_write
 from nerfmodal.types import OrganResult, Provenance, ScanResult
 
@@ -25,13 +27,23 @@ EVENNESS = 1e-6
 
 def write_uff(result: ScanResult, name: str, path: Path) -> Path:
     """Write every mode of every organ; `name` is the scan's."""
-    sets = [_header(name, result.provenance), _units(), _nodes(result)]
+    with atomic_write(path) as temporary, temporary.open("w", encoding="ascii", errors="replace") as file:
+        for lines in _sets(result, name):
+            file.write(_framed(lines))
+    return path
+
+
+def _sets(result: ScanResult, name: str) -> Iterator[list[str]]:
+    """One data set after the other: those of many sensors are never all in memory."""
+    yield _header(name, result.provenance)
+    yield _units()
+    yield _nodes(result)
+    for place, (organ, numbers) in enumerate(_numbered(result), start=1):
+        yield _trace(organ, place, numbers)
     for organ, numbers in _numbered(result):
         for k in range(len(organ.model.frequencies)):
-            sets += [_shape(organ, k, numbers), _coordinate(organ, k, numbers)]
-    with atomic_write(path) as temporary:
-        temporary.write_text("".join(_framed(lines) for lines in sets), encoding="ascii", errors="replace")
-    return path
+            yield _shape(organ, k, numbers)
+            yield _coordinate(organ, k, numbers)
 
 
 def _framed(lines: list[str]) -> str:
@@ -74,6 +86,21 @@ def _nodes(result: ScanResult) -> list[str]:
         rows = zip(numbers, organ.displacement.sensors.positions, strict=True)
         lines += [f"{number:10d}{0:10d}{0:10d}{0:10d}{_reals(place)}" for number, place in rows]
     return lines
+
+
+def _trace(organ: OrganResult, place: int, numbers: Int[np.ndarray, " sensors"]) -> list[str]:
+    """The lines that draw the organ: nodes joined in this order, a 0 lifts the pen."""
+    path = _pen(organ, numbers)
+    rows = ["".join(f"{number:10d}" for number in path[at : at + 8]) for at in range(0, len(path), 8)]
+    return ["    82", f"{place:10d}{len(path):10d}{0:10d}", organ.organ[:80], *rows]
+
+
+def _pen(organ: OrganResult, numbers: Int[np.ndarray, " sensors"]) -> Int[np.ndarray, " steps"]:
+    positions = organ.displacement.sensors.positions
+    if organ.surface == "cylinder":
+        return numbers[rod_order(positions)]
+    pairs = numbers[edges(sheet_triangles(positions))]
+    return np.column_stack([pairs, np.zeros(len(pairs), dtype=pairs.dtype)]).ravel()
 
 
 def _shape(organ: OrganResult, k: int, numbers: Int[np.ndarray, " sensors"]) -> list[str]:

@@ -1,8 +1,8 @@
 """Mode shapes in space (the paper's Figure 8) and frames of each magnified mode (Figure 9).
 
 Displacement of a sensor = sum over axes of shape value times direction; shapes have a largest component of 1. A leaf is
-drawn as a surface (triangles between neighbouring sensors) over its outline at rest, a branch as points. Colour is the
-displacement along the mode's main direction, from -1 to 1.
+drawn as a surface over its outline at rest, a branch as a tube over its centreline. Colour is the displacement along
+the mode's main direction, from -1 to 1.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from scipy.spatial import Delaunay
 
 from nerfmodal.figures.space import Panels, frame_points, look_across, space_panels
-from nerfmodal.figures.style import LABEL, SIGNED_MAP, TICK, TITLE, evenly, measured, new_figure, say
+from nerfmodal.figures.style import LABEL, SIGNED_MAP, TICK, TITLE, measured, new_figure, say
+from nerfmodal.geometry.skins import outline, skin_of
 from nerfmodal.types import OrganResult
 
 MOST_SENSORS = 900
@@ -26,8 +26,6 @@ PANEL, SMALL_PANEL = (2.2, 2.15), (1.3, 1.2)
 """Inches."""
 SWING = 0.16
 """Largest drawn displacement, as a share of the organ's length."""
-LONGEST_EDGE = 3.5
-"""A triangle whose longest edge is more than this many median edges spans a gap and is left out."""
 FLAT = 0.7
 """An organ lower than this share of its largest side is flat."""
 PHASES = (0.0, 0.125, 0.25, 0.375, 0.5)
@@ -83,39 +81,19 @@ def magnified_frames(organ: OrganResult) -> Figure:
 def drawn_mode(organ: OrganResult, k: int) -> DrawnMode:
     """Mode `k` of the organ, thinned to what a picture can show."""
     positions = organ.displacement.sensors.positions
-    kept = evenly(len(positions), MOST_SENSORS)
-    motion = organ.model.mode_shapes[kept, :, k] @ organ.displacement.directions
+    skin = skin_of(positions, organ.surface, most=MOST_SENSORS)
+    motion = organ.model.mode_shapes[:, :, k] @ organ.displacement.directions
     direction = _main_direction(motion)
     length = float(np.linalg.norm(np.ptp(positions, axis=0)))
-    rest = positions[kept]
+    moved = motion[skin.sensor]
     return DrawnMode(
-        rest=rest,
-        motion=motion,
-        signed=motion @ direction,
+        rest=skin.vertices,
+        motion=moved,
+        signed=moved @ direction,
         direction=direction,
-        triangles=surface_triangles(rest) if organ.surface == "polynomial" else np.empty((0, 3), dtype=int),
+        triangles=skin.triangles,
         magnification=SWING * length / max(float(np.linalg.norm(motion, axis=1).max()), 1e-12),
     )
-
-
-def surface_triangles(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "triangles 3"]:
-    """Triangles between neighbours in the sheet's own plane; those that span a gap are left out."""
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]
-    flat = centred @ axes[:2].T
-    if len(points) < 4 or np.ptp(flat[:, 1]) <= 1e-6 * np.ptp(flat[:, 0]):
-        return np.empty((0, 3), dtype=int)
-    triangles = Delaunay(flat).simplices.astype(int)
-    corners = flat[triangles]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return triangles[longest <= LONGEST_EDGE * np.median(longest)]
-
-
-def outline(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "edges 2"]:
-    """The edges that belong to one triangle alone."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    return unique[count == 1]
 
 
 def _main_direction(motion: Float[np.ndarray, "sensors 3"]) -> Float[np.ndarray, " 3"]:

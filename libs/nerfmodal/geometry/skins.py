@@ -5,7 +5,6 @@ skin is a tube of `SIDES` corners around them, whose radius is a share of the le
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -30,10 +29,8 @@ class Skin:
     triangles: Int[np.ndarray, "triangles 3"]
 
 
-def skin_of(
-    positions: Float[np.ndarray, "sensors 3"], surface: Literal["polynomial", "cylinder"], *, most: int
-) -> Skin:
-    """The skin over an organ's sensors; a sheet keeps at most `most` of them, evenly chosen."""
+def skin_of(positions: Float[np.ndarray, "sensors 3"], surface: str, *, most: int) -> Skin:
+    """The skin over an organ's sensors: a tube for a `cylinder`; a sheet keeps at most `most` sensors, evenly chosen."""
     return tube(positions) if surface == "cylinder" else sheet(positions, most=most)
 
 

@@ -1,6 +1,5 @@
-"""modes.json, its table and the shape files say the same as the result they were written from."""
+"""modes.json and the shape files say the same as the result they were written from."""
 
-import csv
 import json
 import math
 from dataclasses import replace
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nerfmodal.export import modes_document, write_modes
-from nerfmodal.export.modes import TABLE_COLUMNS, damped
+from nerfmodal.export.modes import damped
 
 from tests.fixtures.scans import FRAME_RATE, FRAMES, small_result, small_spec
 
@@ -51,16 +50,6 @@ def test_what_is_not_known_is_null_and_the_json_stays_strict(tmp_path: Path):
     text = (tmp_path / "modes.json").read_text()
     assert "NaN" not in text
     assert json.loads(text)["organs"][0]["modes"][0]["natural_frequency_hz_std"] is None
-
-
-def test_table_and_document_agree(tmp_path: Path):
-    write_modes(RESULT, SPEC, tmp_path)
-    document = json.loads((tmp_path / "modes.json").read_text())
-    with (tmp_path / "modes.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    modes = [mode for organ in document["organs"] for mode in organ["modes"]]
-    assert [float(row["damping_ratio"]) for row in rows] == [mode["damping_ratio"] for mode in modes]
-    assert set(modes[0]) | {"organ"} == set(TABLE_COLUMNS)
 
 
 def test_shape_files_hold_the_shapes_and_lie_where_the_document_says(tmp_path: Path):

@@ -18,7 +18,7 @@ from nerfmodal.figures import (
 )
 from nerfmodal.figures.clouds import organ_labels
 from nerfmodal.figures.eigenvalues import covariance_eigenvalues
-from nerfmodal.figures.shapes import SWING, drawn_mode, outline, surface_triangles
+from nerfmodal.figures.shapes import SWING, drawn_mode
 from nerfmodal.figures.style import CYCLE, measured
 from nerfmodal.types import ModalModel, Outcome, PointCloud
 from PIL import ImageColor
@@ -116,19 +116,9 @@ def test_largest_swing_is_drawn_at_its_share_of_the_organ():
 
 def test_world_motion_of_a_two_axis_shape_is_its_sum_over_directions():
     mode = drawn_mode(TRUNK, 0)
-    np.testing.assert_allclose(mode.motion[:, :2], TRUNK.model.mode_shapes[:, :, 0])
+    at_height = (mode.rest[:, 2] / 2.5) ** 2
+    np.testing.assert_allclose(mode.motion[:, :2], at_height[:, None] * [1.0, 0.1], atol=1e-9)
     np.testing.assert_allclose(mode.motion[:, 2], 0)
-
-
-def test_triangles_do_not_span_a_hole_and_the_outline_runs_round_it():
-    x, y = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21))
-    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    solid = surface_triangles(points)
-    holed = points[np.linalg.norm(points[:, :2] - 0.5, axis=1) > 0.3]
-    centres = holed[surface_triangles(holed)].mean(axis=1)
-    assert len(solid) == 800
-    assert len(outline(solid)) == 80
-    assert np.linalg.norm(centres[:, :2] - 0.5, axis=1).min() > 0.25
 
 
 def test_points_take_the_organ_of_the_nearest_sensor_and_strays_take_none():
