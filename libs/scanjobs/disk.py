@@ -10,10 +10,12 @@ from scanjobs.settings import Settings
 
 def is_low(settings: Settings) -> bool:
     """Whether less than `disk_low_mb` is left for the data folder or the artifacts: nothing new is begun then."""
-    limit = settings.disk_low_mb * 10**6
-    return any(
-        shutil.disk_usage(_existing(folder)).free < limit for folder in (settings.data_folder, settings.artifacts)
-    )
+    return free_bytes(settings) < settings.disk_low_mb * 10**6
+
+
+def free_bytes(settings: Settings) -> int:
+    """What is left where the data folder and the artifacts lie, the lesser of both."""
+    return min(shutil.disk_usage(_existing(folder)).free for folder in (settings.data_folder, settings.artifacts))
 
 
 def is_full(error: OSError) -> bool:

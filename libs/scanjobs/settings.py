@@ -5,7 +5,7 @@ The defaults are the embedded service: SQLite and files in `data_folder`, the br
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
@@ -70,6 +70,13 @@ class Settings(BaseSettings):
     """With less room left no step is begun and no scan is taken."""
     drain_s: Seconds = 12.0
     """From SIGTERM to giving up on a clean end."""
+
+    log_format: Literal["text", "json"] = "text"
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    metrics_port: Annotated[int, Field(ge=0, le=65535)] = 0
+    """Where a worker answers /metrics, /healthz and /readyz; 0: nowhere. The API answers them at its own port."""
+    otlp_url: str = ""
+    """Where OpenTelemetry traces go (OTLP over HTTP); empty: nowhere."""
 
     @field_validator("capture_roots", mode="before")
     @classmethod

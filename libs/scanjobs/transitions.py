@@ -8,7 +8,8 @@ from sqlalchemy import ColumnElement, insert, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
-from scanjobs.states import ScanState, StepState, check_move
+from scanjobs.meters import count_scan
+from scanjobs.states import TERMINAL_SCAN_STATES, ScanState, StepState, check_move
 from scanjobs.tables import Event, Scan, Step, table_of
 
 Values = Mapping[str, Any]
@@ -28,6 +29,8 @@ def move_scan(
     session.execute(update(Scan).where(Scan.id == scan.id).values(changes), execution_options=UNSYNCHRONISED)
     session.refresh(scan)
     _record(session, [_event(scan.id, None, scan.generation, current.value, target.value, reason)])
+    if target in TERMINAL_SCAN_STATES:
+        count_scan(session, target)
 
 
 def move_step(
