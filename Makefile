@@ -3,6 +3,7 @@
 # make check  style, types, import contracts
 # make bench  what is timed, each with its floor and its aim
 # make docs   write docs/reference from the code
+# make nerfstudio  an environment of its own for what the reconstruction is compared with (benchmarks.nerfacto)
 # make clean  remove what was built and written (.venv, out, caches)
 #
 # Each installs what it needs into .venv first: once, and again when pyproject.toml changes.
@@ -15,7 +16,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 EXTRAS := vision,simulate,postgres,dev
 
-.PHONY: demo test check bench docs clean install
+.PHONY: demo test check bench docs nerfstudio clean install
 .DEFAULT_GOAL := help
 
 .PHONY: help
@@ -39,9 +40,19 @@ check: install
 	$(BIN)/lint-imports
 
 bench: install
-	@for name in $$(grep -l '__main__' benchmarks/*.py | xargs -n 1 basename -s .py); do \
+	@for name in $$(grep -l '__main__' benchmarks/*.py | grep -v _runner | xargs -n 1 basename -s .py); do \
 	    $(BIN)/python -m benchmarks.$$name || exit 1; \
 	done
+
+# The torch of pyproject.toml; nerfstudio pins much else.
+nerfstudio: out/nerfstudio/.installed
+
+out/nerfstudio/.installed:
+	@deploy/make-venv.sh out/nerfstudio
+	@echo "installing into out/nerfstudio: some minutes"
+	out/nerfstudio/bin/python -m pip install --quiet \
+	    $$(sed -n 's/.*"\(torch==[^"]*\)".*/\1/p' pyproject.toml) nerfstudio
+	@touch $@
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
