@@ -9,10 +9,12 @@ from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
 
 from services.api import errors
+from services.api.cursors import Cursors
 from services.api.dependencies import Parts
+from services.api.doorkeeper import Doorkeeper
 from services.api.middleware import BodyLimit, RequestIds
 from services.api.openapi import document_refusals
-from services.api.routes import artifacts, health, info, modes, scans
+from services.api.routes import artifacts, health, info, keys, metrics, modes, scans
 
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
@@ -24,9 +26,11 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     A `store` that is given stays open when the app ends; one that is opened here is closed.
     """
     own = store is None
+    store = store or open_store(settings.database)
     parts = Parts(
         settings=settings,
-        store=store or open_store(settings.database),
+        store=store,
+        cursors=Cursors(store),
         artifacts=artifact_store or ArtifactStore(settings.artifacts),
     )
 
@@ -44,9 +48,11 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     )
     app.state.parts = parts
     app.add_middleware(BodyLimit)
+    app.add_middleware(Doorkeeper, settings=settings, store=store)
     app.add_middleware(RequestIds)
+    metrics.install(app)
     errors.install(app)
-    for module in (scans, modes, artifacts, info, health):
+    for module in (scans, modes, artifacts, keys, info, health, metrics):
         app.include_router(module.router)
     document_refusals(app)
     return app

@@ -20,6 +20,9 @@ SOURCES: Mapping[str, type[BaseModel]] = {
 LEADING_KEY = re.compile(r"^(\w+(?:\[\d+\])?(?:\.\w+(?:\[\d+\])?)*)(?=: | = )(?:: )?")
 """The field a validator's message begins with: 'motion[0].frequency_hz = …' or 'organs: …'."""
 
+UNION_MEMBER = re.compile(r"[A-Z]\w*$|literal\[|[a-z-]+\[")
+"""What pydantic calls a member of a union: a class, or a type with brackets."""
+
 REMEDIES: Mapping[str, str] = {
     "missing": "Add it.",
     "greater_than": "Give a value above {gt:g}.",
@@ -58,12 +61,35 @@ def complaints_of(error: ValidationError) -> tuple[Complaint, ...]:
 
 def complaints(rows: Iterable[Mapping[str, Any]]) -> tuple[Complaint, ...]:
     """The same, from the rows of `ValidationError.errors()`."""
-    return tuple(_complaint(row) for row in rows)
+    found = list(rows)
+    return tuple(_complaint({**row, "loc": _without_members(row)}) for row in found if not _is_lesser(row, found))
 
 
 def json_pointer(path: Iterable[str | int]) -> str:
     """RFC 6901."""
     return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in path)
+
+
+def _without_members(row: Mapping[str, Any]) -> tuple[str | int, ...]:
+    """Pydantic puts the member of a union ('Box', "literal['auto']") behind its key; the document has no such key."""
+    if not row["loc"]:
+        return ()
+    *way, last = row["loc"]
+    kept = [part for part in way if not _is_member(part)]
+    own = row["type"] == "extra_forbidden" or not _is_member(last)
+    return (*kept, last) if own else tuple(kept)
+
+
+def _is_member(part: str | int) -> bool:
+    return isinstance(part, str) and UNION_MEMBER.match(part) is not None
+
+
+def _is_lesser(row: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether it says 'or this word', where another member of the union was meant and is wrong further down."""
+    if not row["loc"] or not str(row["loc"][-1]).startswith("literal["):
+        return False
+    way = row["loc"][:-1]
+    return any(other is not row and tuple(other["loc"][: len(way)]) == tuple(way) for other in rows)
 
 
 def _complaint(row: Mapping[str, Any]) -> Complaint:

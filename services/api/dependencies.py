@@ -1,5 +1,6 @@
-"""What routes are given: the parts of the service, the caller, and the scan that a path names."""
+"""What routes are given: the parts of the service, the caller and what he may do, and the scan that a path names."""
 
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 from uuid import UUID
@@ -7,9 +8,12 @@ from uuid import UUID
 from fastapi import Depends, Path, Request
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import NotFound
-from scanjobs.repository import LOCAL_OWNER
+from scanjobs.owners import Principal, Scope
 from scanjobs.settings import Settings
 from scanjobs.store import Store
+
+from services.api.cursors import Cursors
+from services.api.errors import RequestRefused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,28 +23,58 @@ class Parts:
     settings: Settings
     store: Store
     artifacts: ArtifactStore
+    cursors: Cursors
 
 
-def parts_of(request: Request) -> Parts:
+async def parts_of(request: Request) -> Parts:
     """The parts of the app that the request came to."""
     parts = request.app.state.parts
     assert isinstance(parts, Parts)
     return parts
 
 
-def current_owner() -> str:
-    """Whose scans the request may see. Bearer keys plug in here; until then everybody is the local owner."""
-    return LOCAL_OWNER
+async def principal_of(request: Request) -> Principal:
+    """Who the doorkeeper let in."""
+    principal = request.state.principal
+    assert isinstance(principal, Principal)
+    return principal
 
 
-def scan_id_of(scan_id: Annotated[str, Path(description="Id of a scan.")]) -> str:
+ThePrincipal = Annotated[Principal, Depends(principal_of)]
+
+
+async def current_owner(principal: ThePrincipal) -> str:
+    """Whose scans the request may see."""
+    return principal.owner
+
+
+def owner_who_may(scope: Scope) -> Callable[[Principal, str], Awaitable[str]]:
+    """The owner, if the key may do this; 403 otherwise."""
+
+    async def allowed(principal: ThePrincipal, owner: Annotated[str, Depends(current_owner)]) -> str:
+        if not principal.may(scope):
+            detail = f"This API key lacks the scope '{scope}'."
+            raise RequestRefused(403, "FORBIDDEN", detail, hint=f"Use a key that has '{scope}'.")
+        return owner
+
+    return allowed
+
+
+async def scan_id_of(scan_id: Annotated[str, Path(description="Id of a scan.")]) -> str:
     """The id in the path; what is no id cannot be found."""
+    return uuid_of(scan_id, "scan", "GET /v1/scans")
+
+
+def uuid_of(text: str, what: str, where: str) -> str:
+    """An id as the database writes it. Raises `NotFound` for what is none."""
     try:
-        return str(UUID(scan_id))
+        return str(UUID(text))
     except ValueError as error:
-        raise NotFound("there is no such scan.", hint="List your scans with GET /v1/scans.") from error
+        raise NotFound(f"there is no such {what}.", hint=f"List yours with {where}.") from error
 
 
 TheParts = Annotated[Parts, Depends(parts_of)]
-Owner = Annotated[str, Depends(current_owner)]
+Owner = Annotated[str, Depends(owner_who_may(Scope.READ))]
+Submitter = Annotated[str, Depends(owner_who_may(Scope.SUBMIT))]
+Administrator = Annotated[str, Depends(owner_who_may(Scope.ADMIN))]
 ScanId = Annotated[str, Depends(scan_id_of)]

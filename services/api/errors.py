@@ -45,6 +45,7 @@ CODE_OF_STATUS: Mapping[int, str] = {
     413: "BODY_TOO_LARGE",
     415: "UNSUPPORTED_MEDIA_TYPE",
     416: "RANGE_NOT_SATISFIABLE",
+    429: "TOO_MANY_REQUESTS",
 }
 log = logging.getLogger(__name__)
 
@@ -105,7 +106,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(ScanjobsError, _on_known)
     app.add_exception_handler(NerfmodalError, _on_known)
-    app.add_exception_handler(DBAPIError, _on_database)
+    app.add_exception_handler(DBAPIError, on_database)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_anything)
 
@@ -151,7 +152,8 @@ def _on_known(request: Request, error: Exception) -> JSONResponse:
     return problem(request, status, error.code, error.message, pointer=pointer, hint=error.hint)
 
 
-def _on_database(request: Request, error: Exception) -> JSONResponse:
+def on_database(request: Request, error: Exception) -> JSONResponse:
+    """The database did not answer: nothing was stored, the same request may be sent again."""
     log.error("the database refused: %s", error)
     return problem(
         request,

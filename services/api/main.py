@@ -7,5 +7,6 @@ from services.api.app import create_app
 
 
 def app() -> FastAPI:
-    """The API with the settings of the environment."""
-    return create_app(Settings())
+    """The API with the settings of the environment; unlike `nerfmodal up` it asks for keys unless told otherwise."""
+    settings = Settings()
+    return create_app(settings.model_copy(update={"keyless": settings.keyless is True}))

@@ -6,18 +6,24 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from services.api.doorkeeper import is_guarded
 from services.api.errors import MEDIA_TYPE
 from services.api.schemas import Problem
 
 Document = dict[str, Any]
 REFERENCE = "#/components/schemas/{model}"
+SCHEME = "key"
+KEYS = "An API key, `nm_…`; none is needed on the machine that `nerfmodal up` runs on."
 MEANING: Mapping[int, str] = {
     400: "The body is no JSON.",
+    401: "No API key, or one that is unknown, revoked or expired.",
+    403: "The API key lacks the scope that this needs.",
     404: "There is no such scan, mode or file for this caller.",
     409: "The scan's state does not allow it, or the Idempotency-Key came with another body before.",
     413: "The body is too large.",
     416: "The range lies behind the end of the file.",
     422: "What is wrong, where, and what to change.",
+    429: "Too many requests with this key; `Retry-After` says when to go on.",
     503: "The database does not answer; nothing was stored. Send it again.",
 }
 
@@ -41,9 +47,12 @@ def _described(app: FastAPI) -> Document:
     schema = Problem.model_json_schema(ref_template=REFERENCE)
     schemas |= schema.pop("$defs", {})
     schemas["Problem"] = schema
+    document["components"]["securitySchemes"] = {SCHEME: {"type": "http", "scheme": "bearer", "description": KEYS}}
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     for path, method, operation in _operations(document):
+        if is_guarded(path):
+            operation["security"] = [{SCHEME: []}]
         operation["responses"].pop("422", None)
         operation["responses"] |= {str(status): _problem(status) for status in _refusals(path, method, operation)}
     return document
@@ -57,7 +66,7 @@ def _operations(document: Document) -> Iterator[tuple[str, str, Document]]:
 
 def _refusals(path: str, method: str, operation: Document) -> list[int]:
     """The statuses that an operation may refuse with; health checks have their own answer for 503."""
-    found = [503] if path.startswith("/v1") else []
+    found = [401, 403, 429, 503] if is_guarded(path) else []
     if "{scan_id}" in path:
         found.append(404)
     if method == "post":

@@ -229,7 +229,7 @@ class Info(BaseModel):
 class Health(BaseModel):
     """Whether the process answers, or what it lacks to be ready."""
 
-    status: Literal["ok", "unavailable"]
+    status: Literal["ok", "degraded", "unavailable"]
     checks: dict[str, str] = {}
 
 

@@ -25,12 +25,13 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.complaints import json_pointer
-from services.api.dependencies import Owner, ScanId, TheParts
+from services.api.dependencies import Owner, ScanId, Submitter, TheParts
 from services.api.errors import RequestRefused
 from services.api.eta import measure_pace, seconds_left
 from services.api.schemas import STATES_OF, ScanDetail, ScanPage, ScanSummary, Status, StepDetail, StepList
 
 LOOK_AGAIN_S = "2"
+LIST = "scans"
 SURROGATE = re.compile("[\ud800-\udfff]")
 Key = Annotated[
     str | None,
@@ -49,7 +50,7 @@ router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
 
 @router.post("", status_code=202)
-def submit(spec: ScanSpec, parts: TheParts, owner: Owner, response: Response, key: Key = None) -> ScanDetail:
+def submit(spec: ScanSpec, parts: TheParts, owner: Submitter, response: Response, key: Key = None) -> ScanDetail:
     """Start a scan. The answer names it at once; follow it at `Location`."""
     refuse_unstorable(spec)
     idempotency = Idempotency(key, spec.digest()) if key else None
@@ -72,11 +73,13 @@ def list_(
 ) -> ScanPage:
     """Scans, the newest first; several `status` are joined by or, different filters by and."""
     states = [state for word in status or () for state in STATES_OF[word]]
+    inner = cursor and parts.cursors.read(cursor, owner=owner, list_name=LIST)
     with parts.store.read() as session:
-        page = list_scans(session, owner=owner, states=states, plant_id=plant, tag=tag, cursor=cursor, limit=limit)
+        page = list_scans(session, owner=owner, states=states, plant_id=plant, tag=tag, cursor=inner, limit=limit)
         progress = summaries_of(session, page.items)
     items = [ScanSummary.of(scan, progress[scan.id]) for scan in page.items]
-    return ScanPage(items=items, next_cursor=page.next_cursor)
+    further = page.next_cursor and parts.cursors.write(page.next_cursor, owner=owner, list_name=LIST)
+    return ScanPage(items=items, next_cursor=further)
 
 
 @router.get("/{scan_id}")
@@ -94,7 +97,7 @@ def steps(scan_id: ScanId, parts: TheParts, owner: Owner) -> StepList:
 
 
 @router.post("/{scan_id}/cancel", status_code=202)
-def cancel(scan_id: ScanId, parts: TheParts, owner: Owner) -> ScanDetail:
+def cancel(scan_id: ScanId, parts: TheParts, owner: Submitter) -> ScanDetail:
     """Stop a scan: what waits is canceled at once, what computes within seconds. 409 when it has ended."""
     parts.store.write(lambda session: cancel_scan(session, scan_id, owner=owner))
     return _look(parts.store, scan_id, owner)
@@ -104,7 +107,7 @@ def cancel(scan_id: ScanId, parts: TheParts, owner: Owner) -> ScanDetail:
 def retry(
     scan_id: ScanId,
     parts: TheParts,
-    owner: Owner,
+    owner: Submitter,
     from_step: Annotated[
         Step | None, Query(alias="from", description="Compute this kind and all after it afresh.")
     ] = None,

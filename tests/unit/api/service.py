@@ -5,14 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fastapi import FastAPI
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.messages import IDENTIFY
+from scanjobs.owners import Scope, issue_key
 from scanjobs.repository import LOCAL_OWNER, get_scan, list_steps
 from scanjobs.settings import Settings
 from scanjobs.store import Store
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step
 from sqlalchemy import update
 from starlette.testclient import TestClient
+
+from services.api.app import create_app
 
 Json = dict[str, Any]
 
@@ -43,6 +47,24 @@ class Service:
         assert answer.status_code == 202, answer.text
         body: Json = answer.json()
         return body
+
+    def app(self) -> FastAPI:
+        """The app itself."""
+        app = self.http.app
+        assert isinstance(app, FastAPI)
+        return app
+
+    def key(self, owner: str, *scopes: Scope, **values: Any) -> str:
+        """A new key's secret."""
+        issued = self.store.write(
+            lambda session: issue_key(session, owner=owner, name="test", scopes=scopes or tuple(Scope), **values)
+        )
+        return issued.secret
+
+    def locked(self) -> TestClient:
+        """The same service as callers elsewhere meet it: nothing without a key."""
+        settings = self.settings.model_copy(update={"keyless": False})
+        return TestClient(create_app(settings, self.store, self.artifacts), raise_server_exceptions=False)
 
     def rows(self) -> int:
         """Scans stored, whoever owns them."""
