@@ -10,7 +10,7 @@ from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition
 from scanjobs.fanin import made_damaged, take_over_ready
 from scanjobs.messages import IDENTIFY, INSPECT, KINDS
-from scanjobs.plan import WHOLE_SCAN, PlannedStep, StepKey, first_steps, is_at_or_after, later_steps
+from scanjobs.plan import WHOLE_SCAN, PlannedStep, StepKey, first_steps, is_at_or_after, is_partial, later_steps
 from scanjobs.planting import Inheritance, plant
 from scanjobs.repository import LOCAL_OWNER, get_scan, insert_scan
 from scanjobs.settling import hold_scan, live_steps, settle
@@ -44,7 +44,8 @@ def retry_scan(
     """Run an ended scan again as its next generation.
 
     Steps of `from_kind` and after it are computed afresh (of `frames` only, if given, and what depends on them);
-    all others are kept if they had succeeded. Without `from_kind` only what had not succeeded is computed.
+    all others are kept if they had succeeded. Without `from_kind` only what had not succeeded is computed. A retry
+    tells no modes so far: it has most clouds already.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def retry_scan(
         It has not ended, or `from_kind` is no kind of step that it has.
     """
     scan = hold_scan(session, scan_id, owner=owner)
-    plan = _whole_plan(scan, from_kind)
+    plan = _without_partials(_whole_plan(scan, from_kind))
     _check_kind(plan, from_kind)
     afresh = frozenset(step.key for step in plan if _is_asked(step.key, from_kind, frames))
     inherited = Inheritance(_kept(session, scan, plan, afresh), afresh)
@@ -64,6 +65,8 @@ def retry_scan(
         "started_at": None,
         "finished_at": None,
         "deadline_at": None,
+        "paused_for": None,
+        "unplanted_from": None,
     }
     move_scan(session, scan, ScanState.QUEUED, reason="retry", values=values)
     plant(session, scan, plan, inherited)
@@ -98,6 +101,10 @@ def _whole_plan(scan: Scan, from_kind: str | None) -> tuple[PlannedStep, ...]:
     if scan.frames is None or from_kind == INSPECT or scan.source_kind == "simulation":
         return known  # the rest is planned when the source has been inspected
     return known + later_steps(spec, scan.frames)
+
+
+def _without_partials(plan: tuple[PlannedStep, ...]) -> tuple[PlannedStep, ...]:
+    return tuple(step for step in plan if not is_partial(step.key))
 
 
 def _check_kind(plan: tuple[PlannedStep, ...], from_kind: str | None) -> None:

@@ -1,7 +1,7 @@
 """Ready steps become sent ones: a small window per queue, so that the broker's order never matters.
 
 At most twice the free slots of a queue are `sent`. Of what is ready comes first: the higher priority, the owner with
-the fewest steps under way, the scan with the fewest, the deepest step (a frame under way is finished before another
+the fewest steps under way for its weight, the scan with the fewest, the deepest step (a frame under way is finished before another
 is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is sent again.
 """
 
@@ -14,6 +14,7 @@ from typing import Final
 from sqlalchemy import and_, func, or_, select
 from sqlalchemy.orm import Session
 
+from scanjobs.account_tables import Owner
 from scanjobs.clock import now_s
 from scanjobs.messages import Message
 from scanjobs.states import WORKING_SCAN_STATES, StepState
@@ -41,6 +42,8 @@ class Candidate:
     priority: int
     depth: int
     frame: int
+    weight: float = 1.0
+    """Of the owner: twice the weight is twice the share."""
 
 
 @dataclass(slots=True)
@@ -119,10 +122,10 @@ def choose(candidates: Iterable[Candidate], room: Room, load: Load) -> tuple[str
     return tuple(chosen)
 
 
-def _turn(step: Candidate, load: Load) -> tuple[int, int, int, int, str, int, str]:
+def _turn(step: Candidate, load: Load) -> tuple[int, float, int, int, str, int, str]:
     return (
         -step.priority,
-        load.owners[step.owner],
+        load.owners[step.owner] / step.weight,
         load.scans[step.scan_id],
         -step.depth,
         step.scan_id,
@@ -204,8 +207,9 @@ def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
     )
     ready = (
         select(Step.id, Step.queue, Step.depth, Step.frame, Scan.id.label("scan_id"), Scan.owner, Scan.priority)
-        .add_columns(place.label("place"))
+        .add_columns(place.label("place"), func.coalesce(Owner.weight, 1.0).label("weight"))
         .join(Scan, Scan.id == Step.scan_id)
+        .outerjoin(Owner, Owner.id == Scan.owner)
         .where(and_(Step.state == StepState.READY, Scan.state.in_([state.value for state in WORKING_SCAN_STATES])))
         .where(or_(Step.not_before.is_(None), Step.not_before <= now_s()))
         .where(Step.queue.in_([queue for queue, left in room.queue_left.items() if left > 0]))
@@ -221,6 +225,7 @@ def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
             priority=row.priority,
             depth=row.depth,
             frame=row.frame,
+            weight=row.weight,
         )
         for row in rows
     )

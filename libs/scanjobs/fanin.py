@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from nerfmodal.spec import ScanSpec
+from nerfmodal.spec import CloudsSource, ScanSpec
 from sqlalchemy import func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
@@ -13,10 +13,10 @@ from scanjobs.clock import now_s
 from scanjobs.given import inputs_of
 from scanjobs.inputs import input_digest
 from scanjobs.messages import IDENTIFY, INSPECT
-from scanjobs.plan import StepKey, is_essential, later_steps
+from scanjobs.plan import CHUNK, WHOLE_SCAN, StepKey, chunk_of_frames, is_essential, is_partial, later_steps
 from scanjobs.planting import plant
-from scanjobs.settling import fail_scan, live_steps
-from scanjobs.states import ScanState, StepState
+from scanjobs.settling import fail_scan, hold_scan, live_steps
+from scanjobs.states import OPEN_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
 from scanjobs.transitions import UNSYNCHRONISED, move_step
 
@@ -39,7 +39,7 @@ class Output:
 def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> None:
     """Refer to the files that the step made; the bytes are in the store already."""
     for output in outputs:
-        _know_artifact(session, output)
+        know_artifact(session, output)
     rows = [{"step_id": step.id, "role": out.role, "name": out.name, "digest": out.digest} for out in outputs]
     if rows:
         session.execute(insert(table_of(ArtifactRef)), rows)
@@ -69,8 +69,43 @@ def expand_plan(session: Session, scan: Scan, step: Step) -> None:
         return
     frames = int((step.facts or {})["frames"])
     session.execute(update(Scan).where(Scan.id == scan.id).values(frames=frames), execution_options=UNSYNCHRONISED)
-    plant(session, scan, later_steps(ScanSpec.model_validate(scan.spec), frames))
-    take_over_ready(session, scan)
+    plant_rest(session, scan, frames)
+
+
+def plant_rest(session: Session, scan: Scan, frames: int) -> None:
+    """Plant a held scan whose number of frames is known: the first chunk now, the others by whoever ticks next."""
+    spec = ScanSpec.model_validate(scan.spec)
+    if isinstance(spec.source, CloudsSource):
+        plant(session, scan, later_steps(spec, frames))
+        take_over_ready(session, scan)
+    else:
+        _plant_chunk(session, scan, spec, frames, 0)
+
+
+def plant_next_chunk(session: Session, scan_id: str) -> bool:
+    """Plant the next chunk of a scan; False when its plan is whole, or it has ended."""
+    scan = hold_scan(session, scan_id)
+    if scan.unplanted_from is None or scan.frames is None or scan.state not in OPEN_SCAN_STATES:
+        return False
+    _plant_chunk(session, scan, ScanSpec.model_validate(scan.spec), scan.frames, scan.unplanted_from)
+    return True
+
+
+def unplanted_scans(session: Session) -> tuple[str, ...]:
+    """Scans whose plan is not whole yet."""
+    states = [state.value for state in OPEN_SCAN_STATES]
+    query = select(Scan.id).where(Scan.unplanted_from.is_not(None), Scan.state.in_(states))
+    return tuple(session.scalars(query.order_by(Scan.id)))
+
+
+def _plant_chunk(session: Session, scan: Scan, spec: ScanSpec, frames: int, start: int) -> None:
+    plant(session, scan, chunk_of_frames(spec, frames, start))
+    rest = start + CHUNK if start + CHUNK < frames else None
+    session.execute(
+        update(Scan).where(Scan.id == scan.id).values(unplanted_from=rest), execution_options=UNSYNCHRONISED
+    )
+    session.refresh(scan)
+    take_over_ready(session, scan, start)
 
 
 def release_children(session: Session, scan: Scan, step: Step) -> None:
@@ -89,11 +124,12 @@ def release_children(session: Session, scan: Scan, step: Step) -> None:
         take_over(session, scan, child)
 
 
-def take_over_ready(session: Session, scan: Scan) -> None:
-    """Give the ready steps of a new plan the results that a relative of the scan has for them."""
+def take_over_ready(session: Session, scan: Scan, start: int = WHOLE_SCAN) -> None:
+    """Give the ready steps of a new plan, from frame `start` on, the results that a relative of the scan has."""
     if _has_relatives(scan):
         for step in live_steps(session, scan, StepState.READY):
-            take_over(session, scan, step)
+            if step.frame >= start:
+                take_over(session, scan, step)
 
 
 def take_over(session: Session, scan: Scan, step: Step) -> None:
@@ -135,7 +171,10 @@ def _same_step(session: Session, scan: Scan, digest: str) -> Step | None:
 
 
 def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) -> None:
-    """A step has failed for good: the scan goes on without its frame, or ends."""
+    """A step has failed for good: the scan goes on without its frame, or ends; modes so far nobody waits for."""
+    if is_partial(StepKey(step.kind, step.frame)):
+        release_children(session, scan, step)
+        return
     if is_essential(StepKey(step.kind, step.frame)) or _lost_frames(session, scan) > scan.max_failed_frames:
         fail_scan(session, scan, error)
         return
@@ -148,7 +187,10 @@ def lose_frame(session: Session, scan: Scan, step: Step, error: dict[str, Any]) 
 
 def _lost_frames(session: Session, scan: Scan) -> int:
     query = select(func.count(Step.frame.distinct())).where(
-        Step.scan_id == scan.id, Step.generation == scan.generation, Step.state == StepState.FAILED
+        Step.scan_id == scan.id,
+        Step.generation == scan.generation,
+        Step.state == StepState.FAILED,
+        Step.kind != IDENTIFY,
     )
     return session.scalars(query).one()
 
@@ -165,7 +207,8 @@ def _waiting_steps_of_frame(session: Session, step: Step) -> tuple[Step, ...]:
     return tuple(session.scalars(query.order_by(Step.depth)))
 
 
-def _know_artifact(session: Session, output: Output) -> None:
+def know_artifact(session: Session, output: Output) -> None:
+    """Note a stored file; bytes that were damaged or dropped before are whole again."""
     row = {
         "digest": output.digest,
         "size": output.size,

@@ -15,15 +15,19 @@ from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
-from scanjobs.fanin import Output, attach_outputs, damn, expand_plan, lose_frame, release_children
+from scanjobs.fanin import Output, attach_outputs, damn, expand_plan, know_artifact, lose_frame, release_children
 from scanjobs.given import InputFile, inputs_of
+from scanjobs.messages import TRAIN_GPU
 from scanjobs.settling import hold_scan, settle
-from scanjobs.states import WORKING_SCAN_STATES, ScanState, StepState
+from scanjobs.slots import Devices, take_slot
+from scanjobs.states import OPEN_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Attempt, Scan, Step
 from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_step
 
 FIRST_PAUSE_S: Final = 1.0
 """Before the second attempt; doubled for each later one."""
+BUSY_S: Final = 1.0
+"""Before a step that found every GPU busy is sent again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +42,10 @@ class Claim:
     frame: int
     spec: dict[str, Any]
     inputs: tuple[InputFile, ...]
+    resume: str | None = None
+    """Digest of what an earlier attempt has saved on its way."""
+    device: str | None = None
+    """The GPU that this claim has for itself (`gpu:0`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,14 +78,25 @@ class Standing(StrEnum):
     CANCELED = "canceled"
 
 
-def claim(session: Session, step_id: str, worker_id: str, lease_s: float) -> Claim | None:
-    """Take a sent step; None when it is no longer there to be taken."""
+def claim(
+    session: Session, step_id: str, worker_id: str, lease_s: float, devices: Devices | None = None
+) -> Claim | None:
+    """Take a sent step; None when it is no longer there to be taken, or needs a GPU and none is free.
+
+    Without `devices`, or with none of them, what prefers a GPU is computed without.
+    """
     held = _held_step(session, step_id)
     if held is None:
         return None
     scan, step = held
     if step.state != StepState.SENT or scan.state not in WORKING_SCAN_STATES:
         return None
+    device = None
+    if step.queue == TRAIN_GPU and devices is not None and devices.gpus:
+        device = take_slot(session, devices, step.id, step.token + 1)
+        if device is None:
+            move_step(session, step, StepState.READY, reason="no GPU is free", values={"not_before": now_s() + BUSY_S})
+            return None
     _start_scan(session, scan)
     values = {
         "token": step.token + 1,
@@ -94,7 +113,7 @@ def claim(session: Session, step_id: str, worker_id: str, lease_s: float) -> Cla
         return None
     attempt = {"step_id": step.id, "token": step.token, "worker_id": worker_id, "started_at": now_s()}
     session.execute(insert(Attempt).values(attempt))
-    return _claim_of(session, scan, step)
+    return _claim_of(session, scan, step, device)
 
 
 def note_runner(session: Session, held: Claim, pid: int, log_key: str) -> bool:
@@ -120,6 +139,17 @@ def renew(session: Session, held: Claim, lease_s: float, done: int, total: int, 
     return standing(session, held)
 
 
+def save(session: Session, held: Claim, saved: Output) -> bool:
+    """Remember what a computing step has saved on its way, for its next attempt; False when the claim is lost."""
+    owned = _owned(session, held)
+    if owned is None:
+        return False
+    know_artifact(session, saved)
+    statement = update(Step).where(Step.id == held.step_id).values(resume_digest=saved.digest)
+    session.execute(statement, execution_options=UNSYNCHRONISED)
+    return True
+
+
 def standing(session: Session, held: Claim) -> Standing:
     """Whether the step is still this claim's, and wanted."""
     query = select(Step.token, Step.state, Scan.state).join(Scan, Scan.id == Step.scan_id)
@@ -136,8 +166,9 @@ def finish(session: Session, held: Claim, outputs: Sequence[Output], facts: dict
         return False
     scan, step = owned
     attach_outputs(session, step, outputs)
-    _move_from_running(session, step, StepState.SUCCEEDED, "succeeded", facts=facts, finished_at=now_s())
-    if scan.state in WORKING_SCAN_STATES:
+    ended = {"facts": facts, "finished_at": now_s(), "resume_digest": None}
+    _move_from_running(session, step, StepState.SUCCEEDED, "succeeded", **ended)
+    if scan.state in OPEN_SCAN_STATES:
         expand_plan(session, scan, step)
         release_children(session, scan, step)
     settle(session, scan)
@@ -219,7 +250,7 @@ def _start_scan(session: Session, scan: Scan) -> None:
         move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
 
 
-def _claim_of(session: Session, scan: Scan, step: Step) -> Claim:
+def _claim_of(session: Session, scan: Scan, step: Step, device: str | None) -> Claim:
     return Claim(
         step_id=step.id,
         scan_id=scan.id,
@@ -229,6 +260,8 @@ def _claim_of(session: Session, scan: Scan, step: Step) -> Claim:
         frame=step.frame,
         spec=scan.spec,
         inputs=inputs_of(session, step.id),
+        resume=step.resume_digest,
+        device=device,
     )
 
 

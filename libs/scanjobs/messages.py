@@ -11,20 +11,22 @@ TRAIN = "frame.train"
 EXTRACT = "frame.extract"
 IDENTIFY = "scan.identify"
 
+TRAIN_CPU = "train-cpu"
+TRAIN_GPU = "train-gpu"
 QUEUE_OF: Mapping[str, str] = MappingProxyType(
     {
         INSPECT: "extract",
         RENDER: "render",
         READ: "extract",
-        TRAIN: "train",
+        TRAIN: TRAIN_CPU,
         EXTRACT: "extract",
         IDENTIFY: "identify",
     }
 )
-"""Task name → queue, in the order in which a scan goes through them."""
+"""Task name → queue, in the order in which a scan goes through them; the plan sends large networks to TRAIN_GPU."""
 
 KINDS = tuple(QUEUE_OF)
-QUEUES = ("render", "train", "extract", "identify")
+QUEUES = ("render", TRAIN_CPU, TRAIN_GPU, "extract", "identify")
 
 
 @dataclass(frozen=True, slots=True)

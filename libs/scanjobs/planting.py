@@ -1,12 +1,14 @@
 """A plan becomes rows: the steps of one generation, their dependencies and their first events.
 
-What an earlier generation has finished is kept: its step is born `succeeded`, with the same artifacts.
+A long plan is planted in chunks, each in a transaction of its own; a later chunk finds the parents it needs among the
+rows, with what has become of them by then. What an earlier generation has finished is kept: its step is born
+`succeeded`, with the same artifacts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import uuid6
 from sqlalchemy import insert, select
@@ -15,7 +17,7 @@ from sqlalchemy.orm import Session
 from scanjobs.clock import now_s
 from scanjobs.inputs import input_digest
 from scanjobs.plan import PlannedStep, StepKey
-from scanjobs.states import StepState
+from scanjobs.states import LIVE_STEP_STATES, StepState
 from scanjobs.tables import ArtifactRef, Scan, Step, StepDependency, table_of
 from scanjobs.transitions import BATCH, born_steps
 
@@ -30,6 +32,13 @@ class Inheritance:
     afresh: frozenset[StepKey]
 
 
+class Planted(NamedTuple):
+    """A step that has a row already."""
+
+    id: str
+    state: str
+
+
 NOTHING_INHERITED = Inheritance(MappingProxyType({}), frozenset())
 
 
@@ -38,17 +47,38 @@ def plant(
 ) -> None:
     """Insert the rows of a plan in the scan's present generation; steps without open parents are `ready`."""
     ids = {step.key: str(uuid6.uuid7()) for step in steps}
-    rows = [_row(scan, step, ids[step.key], inherited) for step in steps]
-    edges = [{"parent_id": ids[parent], "child_id": ids[step.key]} for step in steps for parent in step.parents]
+    planted = _planted_parents(session, scan, steps, ids)
+    ended = inherited.kept.keys() | {key for key, row in planted.items() if row.state not in LIVE_STEP_STATES}
+    rows = [_row(scan, step, ids[step.key], inherited, ended) for step in steps]
+    of_key = ids | {key: row.id for key, row in planted.items()}
+    edges = [{"parent_id": of_key[parent], "child_id": ids[step.key]} for step in steps for parent in step.parents]
     _insert(session, Step, rows, {"created_at": now_s(), "ready_at": now_s()})
     _insert(session, StepDependency, edges, {})
     _insert(session, ArtifactRef, _inherited_refs(session, ids, inherited), {})
     born_steps(session, rows)
 
 
-def _row(scan: Scan, step: PlannedStep, step_id: str, inherited: Inheritance) -> Row:
+def _planted_parents(
+    session: Session, scan: Scan, steps: Sequence[PlannedStep], ids: Mapping[StepKey, str]
+) -> dict[StepKey, Planted]:
+    """The parents that an earlier chunk has planted."""
+    wanted = {parent for step in steps for parent in step.parents if parent not in ids}
+    if not wanted:
+        return {}
+    frames = [key.frame for key in wanted]
+    query = select(Step.kind, Step.frame, Step.id, Step.state).where(
+        Step.scan_id == scan.id,
+        Step.generation == scan.generation,
+        Step.kind.in_({key.kind for key in wanted}),
+        Step.frame.between(min(frames), max(frames)),
+    )
+    rows = {StepKey(kind, frame): Planted(step_id, state) for kind, frame, step_id, state in session.execute(query)}
+    return {key: rows[key] for key in wanted}
+
+
+def _row(scan: Scan, step: PlannedStep, step_id: str, inherited: Inheritance, ended: Collection[StepKey]) -> Row:
     kept = inherited.kept.get(step.key)
-    open_parents = sum(parent not in inherited.kept for parent in step.parents)
+    open_parents = sum(parent not in ended for parent in step.parents)
     state = StepState.SUCCEEDED if kept else StepState.PENDING if open_parents else StepState.READY
     return {
         "id": step_id,

@@ -6,20 +6,20 @@ Everything is asked in the name of an owner: what belongs to somebody else is `N
 import base64
 import binascii
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
 import uuid6
 from nerfmodal.spec import ScanSpec, SimulationSource
-from sqlalchemy import Select, func, insert, select
+from sqlalchemy import Select, func, insert, or_, select
 from sqlalchemy.orm import Session, selectinload
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IdempotencyConflict, InvalidCursor, NotFound
-from scanjobs.fanin import take_over_ready
-from scanjobs.messages import KINDS
-from scanjobs.plan import first_steps
+from scanjobs.fanin import plant_rest, take_over_ready
+from scanjobs.messages import EXTRACT, IDENTIFY, KINDS, READ, RENDER, TRAIN
+from scanjobs.plan import WHOLE_SCAN, first_steps
 from scanjobs.planting import plant
 from scanjobs.settling import settle
 from scanjobs.states import ScanState, StepState
@@ -97,7 +97,8 @@ def insert_scan(
 ) -> Submission:
     """Store a scan with its plan, all or nothing.
 
-    `fork_of` lets it reuse the steps of that scan that have the same inputs. `deadline_s` counts from now.
+    `fork_of` lets it reuse the steps of that scan that have the same inputs. `deadline_s` counts from now and goes
+    before the specification's.
 
     Raises
     ------
@@ -109,8 +110,11 @@ def insert_scan(
         return Submission(before, created=False)
     scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s)
     born_scan(session, scan)
-    plant(session, scan, first_steps(spec))
-    take_over_ready(session, scan)
+    if scan.frames is None:
+        plant(session, scan, first_steps(spec))
+        take_over_ready(session, scan)
+    else:
+        plant_rest(session, scan, scan.frames)
     settle(session, scan)
     if idempotency is not None:
         _remember(session, owner, idempotency, scan)
@@ -161,12 +165,13 @@ def summaries_of(session: Session, scans: Sequence[Scan]) -> dict[str, tuple[Kin
         select(Step.scan_id, Step.kind, Step.state, func.count(), partial)
         .join(Scan, Scan.id == Step.scan_id)
         .where(Step.scan_id.in_([scan.id for scan in scans]), Step.generation == Scan.generation)
+        .where(or_(Step.kind != IDENTIFY, Step.frame == WHOLE_SCAN))
         .group_by(Step.scan_id, Step.kind, Step.state)
     )
     counts: dict[str, dict[str, dict[str, tuple[int, float]]]] = {scan.id: {} for scan in scans}
     for scan_id, kind, state, count, share in session.execute(query):
         counts[scan_id].setdefault(kind, {})[state] = (count, float(share or 0.0))
-    return {scan_id: _summarise(kinds) for scan_id, kinds in counts.items()}
+    return {scan.id: _summarise(counts[scan.id], _unplanted(scan)) for scan in scans}
 
 
 def list_steps(session: Session, scan: Scan, *, generation: int | None = None) -> tuple[Step, ...]:
@@ -219,6 +224,7 @@ def _insert_scan_row(
     deadline_s: float | None,
 ) -> Scan:
     scan_id = new_id()
+    limit = spec.deadline_s if deadline_s is None else deadline_s
     values = {
         "id": scan_id,
         "owner": owner,
@@ -232,7 +238,7 @@ def _insert_scan_row(
         "priority": priority,
         "max_failed_frames": spec.max_failed_frames,
         "frames": spec.source.frames if isinstance(spec.source, SimulationSource) else None,
-        "deadline_at": None if deadline_s is None else now_s() + deadline_s,
+        "deadline_at": None if limit is None else now_s() + limit,
         "created_at": now_s(),
     }
     session.execute(insert(Scan).values(values))
@@ -286,13 +292,22 @@ def _read_cursor(cursor: str) -> str:
         ) from error
 
 
-def _summarise(kinds: dict[str, dict[str, tuple[int, float]]]) -> tuple[KindSummary, ...]:
-    return tuple(_summary(kind, kinds[kind]) for kind in KINDS if kind in kinds)
+def _unplanted(scan: Scan) -> dict[str, int]:
+    """Steps by kind that the rest of a plan will have."""
+    if scan.unplanted_from is None or scan.frames is None:
+        return {}
+    make = RENDER if scan.source_kind == "simulation" else READ
+    return {**dict.fromkeys((make, TRAIN, EXTRACT), scan.frames - scan.unplanted_from), IDENTIFY: 1}
 
 
-def _summary(kind: str, states: dict[str, tuple[int, float]]) -> KindSummary:
+def _summarise(kinds: dict[str, dict[str, tuple[int, float]]], unplanted: Mapping[str, int]) -> tuple[KindSummary, ...]:
+    known = kinds.keys() | unplanted.keys()
+    return tuple(_summary(kind, kinds.get(kind, {}), unplanted.get(kind, 0)) for kind in KINDS if kind in known)
+
+
+def _summary(kind: str, states: dict[str, tuple[int, float]], unplanted: int) -> KindSummary:
     none = (0, 0.0)
-    total = sum(count for count, _ in states.values())
+    total = unplanted + sum(count for count, _ in states.values())
     done = states.get(StepState.SUCCEEDED, none)[0]
     running, partial = states.get(StepState.RUNNING, none)
     return KindSummary(

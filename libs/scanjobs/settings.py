@@ -68,6 +68,14 @@ class Settings(BaseSettings):
     """A step that computes for longer has failed."""
     disk_low_mb: Annotated[int, Field(ge=0)] = 200
     """With less room left no step is begun and no scan is taken."""
+    scan_quota_mb: Annotated[int, Field(ge=0)] = 0
+    """Of the files that one owner's scans have made; 0 is no limit, an owner's own quota goes before it."""
+    gpus: Annotated[int, Field(ge=0)] = Field(default_factory=lambda: len(list(Path("/dev").glob("nvidia[0-9]*"))))
+    """GPUs of this machine; each computes one training at a time."""
+    keep_checkpoints_days: Annotated[float, Field(ge=0)] = 30.0
+    """After a scan has succeeded its checkpoints are kept for so long; results are kept until they are deleted."""
+    collect_every_s: Seconds = 6 * 3600.0
+    """How often one of the workers removes files that nothing refers to."""
     drain_s: Seconds = 12.0
     """From SIGTERM to giving up on a clean end."""
 

@@ -14,7 +14,8 @@ from sqlalchemy.orm import Session
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
 from scanjobs.messages import IDENTIFY
-from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
+from scanjobs.plan import WHOLE_SCAN
+from scanjobs.states import LIVE_STEP_STATES, OPEN_SCAN_STATES, TERMINAL_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Attempt, Scan, Step
 from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_steps
 
@@ -51,28 +52,27 @@ def settle(session: Session, scan: Scan) -> None:
         if not live_steps(session, scan):
             move_scan(session, scan, ScanState.CANCELED, values={"finished_at": now_s()})
     elif scan.state not in TERMINAL_SCAN_STATES and _is_identified(session, scan):
+        _stop_live(session, scan, "superseded")  # modes so far that nobody needs any more
         move_scan(session, scan, ScanState.SUCCEEDED, values={"finished_at": now_s(), "error": None})
 
 
 def fail_scan(session: Session, scan: Scan, error: Mapping[str, Any]) -> None:
     """End a held scan for good; what still lived is cancelled and what still computes is fenced off."""
-    steps = live_steps(session, scan)
-    close_attempts(session, [step for step in steps if step.state == StepState.RUNNING], "scan failed")
-    move_steps(session, steps, StepState.CANCELED, reason="scan failed", values=_ended())
+    _stop_live(session, scan, "scan failed")
     values = {"finished_at": now_s(), "error": dict(error)}
     move_scan(session, scan, ScanState.FAILED, reason=str(error["code"]), values=values)
 
 
 def overdue_scans(session: Session) -> tuple[str, ...]:
     """Scans whose deadline has passed."""
-    query = select(Scan.id).where(Scan.deadline_at < now_s(), Scan.state.in_([s.value for s in WORKING_SCAN_STATES]))
+    query = select(Scan.id).where(Scan.deadline_at < now_s(), Scan.state.in_([s.value for s in OPEN_SCAN_STATES]))
     return tuple(session.scalars(query.order_by(Scan.id)))
 
 
 def miss_deadline(session: Session, scan_id: str) -> None:
     """End a scan whose deadline has passed, unless it has ended meanwhile."""
     scan = hold_scan(session, scan_id)
-    if scan.state in WORKING_SCAN_STATES:
+    if scan.state in OPEN_SCAN_STATES:
         fail_scan(session, scan, DEADLINE_PASSED)
 
 
@@ -83,11 +83,18 @@ def close_attempts(session: Session, steps: Sequence[Step], outcome: str) -> Non
     session.execute(statement.values(values), execution_options=UNSYNCHRONISED)
 
 
+def _stop_live(session: Session, scan: Scan, reason: str) -> None:
+    steps = live_steps(session, scan)
+    close_attempts(session, [step for step in steps if step.state == StepState.RUNNING], reason)
+    move_steps(session, steps, StepState.CANCELED, reason=reason, values=_ended())
+
+
 def _is_identified(session: Session, scan: Scan) -> bool:
     query = select(Step.id).where(
         Step.scan_id == scan.id,
         Step.generation == scan.generation,
         Step.kind == IDENTIFY,
+        Step.frame == WHOLE_SCAN,
         Step.state == StepState.SUCCEEDED,
     )
     return session.scalars(query).first() is not None

@@ -43,9 +43,13 @@ State = TypeVar("State", ScanState, StepState)
 SCAN_MOVES: Mapping[ScanState, frozenset[ScanState]] = MappingProxyType(
     {
         ScanState.UPLOADING: frozenset({ScanState.QUEUED, ScanState.CANCELING}),
-        ScanState.QUEUED: frozenset({ScanState.RUNNING, ScanState.CANCELING, ScanState.SUCCEEDED, ScanState.FAILED}),
+        ScanState.QUEUED: frozenset(
+            {ScanState.RUNNING, ScanState.PAUSED, ScanState.CANCELING, ScanState.SUCCEEDED, ScanState.FAILED}
+        ),
         ScanState.RUNNING: frozenset({ScanState.SUCCEEDED, ScanState.FAILED, ScanState.PAUSED, ScanState.CANCELING}),
-        ScanState.PAUSED: frozenset({ScanState.RUNNING, ScanState.CANCELING, ScanState.FAILED}),
+        ScanState.PAUSED: frozenset(
+            {ScanState.QUEUED, ScanState.RUNNING, ScanState.SUCCEEDED, ScanState.CANCELING, ScanState.FAILED}
+        ),
         ScanState.CANCELING: frozenset({ScanState.CANCELED}),
         ScanState.SUCCEEDED: frozenset({ScanState.QUEUED, ScanState.DELETING}),
         ScanState.FAILED: frozenset({ScanState.QUEUED, ScanState.DELETING}),
@@ -71,6 +75,9 @@ TERMINAL_SCAN_STATES = frozenset({ScanState.SUCCEEDED, ScanState.FAILED, ScanSta
 ENDED_SCAN_STATES = TERMINAL_SCAN_STATES | {ScanState.DELETING, ScanState.DELETED}
 LIVE_STEP_STATES = frozenset({StepState.PENDING, StepState.READY, StepState.SENT, StepState.RUNNING})
 WORKING_SCAN_STATES = frozenset({ScanState.QUEUED, ScanState.RUNNING})
+"""Their steps are begun."""
+OPEN_SCAN_STATES = WORKING_SCAN_STATES | {ScanState.PAUSED}
+"""Their results count: a step that was under way when its scan was paused still ends."""
 
 
 def check_move(current: State, target: State) -> None:

@@ -24,6 +24,8 @@ from scanjobs.table_base import Counter, Digest, Id, Word
 from scanjobs.table_base import table_of as table_of
 
 LIVE_SCAN = text("state IN ('uploading', 'queued', 'running', 'paused', 'canceling')")
+UNPLANTED = text("unplanted_from IS NOT NULL")
+PAUSED = text("paused_for IS NOT NULL")
 LIVE = text("state IN ('pending', 'ready', 'sent', 'running')")
 
 
@@ -37,6 +39,8 @@ class Scan(Base):
         Index("ix_scan_owner_plant_id", "owner", "plant", "id"),
         Index("ix_scan_root_id", "root_id"),
         Index("ix_scan_live", "state", sqlite_where=LIVE_SCAN, postgresql_where=LIVE_SCAN),
+        Index("ix_scan_unplanted_from", "unplanted_from", sqlite_where=UNPLANTED, postgresql_where=UNPLANTED),
+        Index("ix_scan_paused_for", "paused_for", sqlite_where=PAUSED, postgresql_where=PAUSED),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -56,6 +60,10 @@ class Scan(Base):
     max_failed_frames: Mapped[int] = mapped_column(default=0)
     frames: Mapped[int | None]
     """Number of frames; None until the source has been inspected."""
+    unplanted_from: Mapped[int | None]
+    """The first frame whose steps have no rows yet; None once the plan is whole."""
+    paused_for: Mapped[str | None] = mapped_column(Word)
+    """Of a paused scan: `asked`, `disk_low` or `quota`."""
     deadline_at: Mapped[float | None]
     error: Mapped[dict[str, Any] | None]
     """`{step, code, message, hint, retryable}` of what made it fail."""
@@ -115,6 +123,8 @@ class Step(Base):
     progress_total: Mapped[int] = mapped_column(default=0)
     progress_message: Mapped[str] = mapped_column(Text, default="")
     input_digest: Mapped[str | None] = mapped_column(Digest)
+    resume_digest: Mapped[str | None] = mapped_column(Digest)
+    """What an attempt has saved on its way; the next attempt goes on from there."""
     reused_from: Mapped[str | None] = mapped_column(Id)
     error: Mapped[dict[str, Any] | None]
     facts: Mapped[dict[str, Any] | None]
@@ -222,6 +232,27 @@ class Worker(Base):
     state: Mapped[str] = mapped_column(Word)
     lease_until: Mapped[float]
     started_at: Mapped[float]
+
+
+class ResourceSlot(Base):
+    """A device of a host that computes one step at a time; it is free when that claim has ended."""
+
+    __tablename__ = "resource_slot"
+
+    host: Mapped[str] = mapped_column(String(255), primary_key=True)
+    name: Mapped[str] = mapped_column(Word, primary_key=True)
+    """`gpu:0`, `gpu:1` …"""
+    step_id: Mapped[str | None] = mapped_column(Id)
+    token: Mapped[int] = mapped_column(default=0)
+
+
+class Chore(Base):
+    """When something that one worker does for all was last begun."""
+
+    __tablename__ = "chore"
+
+    name: Mapped[str] = mapped_column(Word, primary_key=True)
+    begun_at: Mapped[float]
 
 
 class Meter(Base):

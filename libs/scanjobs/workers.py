@@ -13,6 +13,7 @@ from scanjobs.tables import Step, Worker
 from scanjobs.transitions import UNSYNCHRONISED
 
 ACTIVE: Final = "active"
+PAUSED: Final = "paused"
 DRAINING: Final = "draining"
 GONE: Final = "gone"
 
@@ -44,7 +45,7 @@ def register(session: Session, worker: WorkerIdentity, lease_s: float) -> None:
 
 
 def beat(session: Session, worker: WorkerIdentity, lease_s: float) -> str:
-    """Prolong the worker's life; returns its state, `draining` when an operator asked for it."""
+    """Prolong the worker's life; returns its state, `draining` or `paused` when an operator asked for it."""
     statement = update(Worker).where(Worker.id == worker.id, Worker.state != GONE)
     statement = statement.values(lease_until=now_s() + lease_s).returning(Worker.state)
     return session.scalars(statement, execution_options=UNSYNCHRONISED).one_or_none() or GONE
@@ -52,8 +53,20 @@ def beat(session: Session, worker: WorkerIdentity, lease_s: float) -> str:
 
 def drain(session: Session, worker_ids: Sequence[str]) -> None:
     """Ask workers to take no more steps and to end."""
-    statement = update(Worker).where(Worker.id.in_(worker_ids), Worker.state == ACTIVE)
+    statement = update(Worker).where(Worker.id.in_(worker_ids), Worker.state.in_((ACTIVE, PAUSED)))
     session.execute(statement.values(state=DRAINING), execution_options=UNSYNCHRONISED)
+
+
+def pause(session: Session, worker_ids: Sequence[str]) -> None:
+    """Ask workers to take no more steps; what they compute they finish, and they stay."""
+    statement = update(Worker).where(Worker.id.in_(worker_ids), Worker.state == ACTIVE)
+    session.execute(statement.values(state=PAUSED), execution_options=UNSYNCHRONISED)
+
+
+def resume(session: Session, worker_ids: Sequence[str]) -> None:
+    """Let paused workers take steps again."""
+    statement = update(Worker).where(Worker.id.in_(worker_ids), Worker.state == PAUSED)
+    session.execute(statement.values(state=ACTIVE), execution_options=UNSYNCHRONISED)
 
 
 def leave(session: Session, worker: WorkerIdentity) -> None:

@@ -48,7 +48,7 @@ def test_deepest_step_of_a_scan_goes_first() -> None:
 
 @given(slots=st.integers(1, 8), running=st.integers(0, 8), sent=st.integers(0, 8), ready=st.integers(0, 40))
 def test_sent_steps_never_exceed_twice_the_free_slots(slots: int, running: int, sent: int, ready: int) -> None:
-    room = room_of([(ALL, slots)], Counter({"train": running}), Counter({"render": sent}))
+    room = room_of([(ALL, slots)], Counter({"train-cpu": running}), Counter({"render": sent}))
     chosen = choose([candidate(str(k)) for k in range(ready)], room, Load())
     free = max(0, slots - running)
     assert len(chosen) == min(ready, max(0, WINDOW * free - sent))
@@ -65,7 +65,7 @@ def test_slots_shared_by_queues_are_counted_once() -> None:
 
 
 def test_queue_that_nobody_serves_is_sent_nothing() -> None:
-    assert choose([candidate("a")], room_of([({"train"}, 4)], NOTHING, NOTHING), Load()) == ()
+    assert choose([candidate("a")], room_of([({"train-cpu"}, 4)], NOTHING, NOTHING), Load()) == ()
 
 
 @pytest.fixture

@@ -117,7 +117,7 @@ def test_insert_is_all_or_nothing(store: Store, spec: ScanSpec, monkeypatch: pyt
     def broken(*_: object) -> None:
         raise RuntimeError("the plan cannot be stored")
 
-    monkeypatch.setattr(repository, "plant", broken)
+    monkeypatch.setattr(repository, "plant_rest", broken)
     with pytest.raises(RuntimeError):
         submit(store, spec, key="k")
     monkeypatch.undo()
