@@ -242,14 +242,28 @@ class ModalModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Diagram:
+    """A stabilisation diagram: the poles of models of rising order; stable ones are found again at the next order."""
+
+    orders: Int[np.ndarray, " poles"]
+    frequencies: Float[np.ndarray, " poles"]
+    damping_ratios: Float[np.ndarray, " poles"]
+    stable: Bool[np.ndarray, " poles"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Opinion:
-    """What one method says of an organ: kept beside the answer, so that no number stands without its picture."""
+    """What one method says of an organ: kept beside the answer, so that no number stands without its picture.
+
+    `diagram` is that of a method that reads its modes from models of rising order.
+    """
 
     method: str
     frequencies: Float[np.ndarray, " modes"]
     damping_ratios: Float[np.ndarray, " modes"]
     mode_shapes: Float[np.ndarray, "sensors axes modes"]
     coordinates: Float[np.ndarray, "frames modes"]
+    diagram: Diagram | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
