@@ -22,10 +22,12 @@ from scanjobs.migrate import check_current, upgrade
 from scanjobs.queue import make_app, make_consumer, serve
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
+from scanjobs.telemetry import Telemetry
 from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from services.worker.endpoint import Endpoint
 from services.worker.supervisor import Supervisor
 from services.worker.ticker import Ticker, process_table
 
@@ -49,6 +51,7 @@ class Worker:
             worker_id=identity.id,
             on_change=self._wake,
         )
+        telemetry = Telemetry(settings, store)
         serve(app, self.supervisor.supervise)
         name = f"{identity.id}@{identity.host}"
         self._celery = make_consumer(app, name=name, queues=identity.queues, slots=identity.slots)
@@ -58,15 +61,28 @@ class Worker:
             app=app,
             settings=settings,
             identity=identity,
+            telemetry=telemetry,
             on_tick=lambda: self.supervisor.children.end_idle(settings.runner_idle_s),
             on_drain=self.drained.set,
             on_dead=self.supervisor.sweep,
+        )
+        self.endpoint = (
+            Endpoint(
+                settings=settings,
+                store=store,
+                telemetry=telemetry,
+                seconds_since_tick=self._ticker.seconds_since_tick,
+            )
+            if settings.metrics_port
+            else None
         )
 
     def start(self) -> None:
         """Begin to take steps."""
         self._ticker.start()
         self._consumer.start()
+        if self.endpoint is not None:
+            self.endpoint.start()
 
     def stop(self) -> None:
         """Drain: give the steps under way back, and end. Takes at most about `drain_s`."""
@@ -76,6 +92,8 @@ class Worker:
         self._celery.stop()
         self._consumer.join(self._settings.drain_s)
         self.supervisor.close()
+        if self.endpoint is not None:
+            self.endpoint.stop()
         self._say(lambda session: workers.bury(session, [self.identity.id]))
         self._store.close()
 

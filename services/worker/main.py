@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Sequence
 
+from scanjobs.logs import configure
 from scanjobs.messages import QUEUES
 from scanjobs.settings import Settings
 
@@ -16,7 +17,9 @@ from services.worker.app import create_worker
 
 def main(queues: Sequence[str] = QUEUES, slots: int | None = None) -> int:
     """Work until SIGTERM, SIGINT or an operator's drain; the exit code."""
-    worker = create_worker(Settings(), queues=queues, slots=slots)
+    settings = Settings()
+    configure(settings)
+    worker = create_worker(settings, queues=queues, slots=slots)
     asked = worker.drained
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: _ask(asked))

@@ -20,6 +20,7 @@ from scanjobs.disk import is_full
 from scanjobs.errors import ArtifactDamaged
 from scanjobs.fanin import Output
 from scanjobs.leases import Claim, Failure, Standing
+from scanjobs.logs import about
 from scanjobs.media import media_type_of
 from scanjobs.settings import Settings
 from scanjobs.store import Store
@@ -143,9 +144,10 @@ class Supervisor:
         watch = Watch(began, began)
         folder = self._work / f"{claim.step_id}-{claim.token}"
         try:
-            failure = self._compute(claim, folder, watch)
-            if failure is not None:
-                self._fail(claim, failure, watch)
+            with about(scan_id=claim.scan_id, step_id=claim.step_id, kind=claim.kind, frame=claim.frame):
+                failure = self._compute(claim, folder, watch)
+                if failure is not None:
+                    self._fail(claim, failure, watch)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
             self._on_change()
@@ -254,7 +256,9 @@ class Supervisor:
     def _accept(self, claim: Claim, line: Line, watch: Watch) -> None:
         made, facts = read_produced(line)
         outputs = tuple(self._keep(one.role, one.path) for one in made)
-        if not self._write(watch, lambda session: leases.finish(session, claim, outputs, facts)):
+        if self._write(watch, lambda session: leases.finish(session, claim, outputs, facts)):
+            log.info("step succeeded", extra={"duration_s": round(time.monotonic() - watch.began, 3)})
+        else:
             log.warning("the result of step %s came too late and is dropped", claim.step_id)
 
     def _keep(self, role: str, path: Path) -> Output:

@@ -14,18 +14,21 @@ from typing import Final
 
 from celery import Celery
 from kombu.exceptions import OperationalError as BrokerError
-from scanjobs import dispatch, leases, workers
+from scanjobs import dispatch, leases, meters, workers
 from scanjobs.disk import is_low
 from scanjobs.messages import Message
 from scanjobs.queue import publish
 from scanjobs.settings import Settings
 from scanjobs.settling import miss_deadline, overdue_scans
 from scanjobs.store import Store
+from scanjobs.telemetry import Telemetry
 from scanjobs.workers import WorkerIdentity
 
 log = logging.getLogger(__name__)
 
 NAMESPACE: Final = Path("/proc/self/ns/pid")
+COUNT_S: Final = 5.0
+"""Between two looks for attempts that are not in the totals yet."""
 
 
 def process_table() -> str:
@@ -53,6 +56,7 @@ class Ticker:
         app: Celery,
         settings: Settings,
         identity: WorkerIdentity,
+        telemetry: Telemetry,
         on_tick: Callable[[], None],
         on_drain: Callable[[], None],
         on_dead: Callable[[Sequence[str]], None],
@@ -61,6 +65,8 @@ class Ticker:
         self._app = app
         self._settings = settings
         self._identity = identity
+        self._telemetry = telemetry
+        self._looked_at = self._counted_at = time.monotonic()
         self._on_tick = on_tick
         self._on_drain = on_drain
         self._on_dead = on_dead
@@ -90,11 +96,28 @@ class Ticker:
         self._bury_dead()
         self._take_back_lost()
         self._send_ready()
+        self._count_ended()
         self._on_tick()
+        self._telemetry.last_tick.set_to_current_time()
+
+    def seconds_since_tick(self) -> float:
+        """Since the last tick began, whether it went well or not."""
+        return time.monotonic() - self._looked_at
+
+    def _count_ended(self) -> None:
+        """Add what has ended to the totals, now and then: they are for people and Prometheus, not for steps."""
+        if time.monotonic() - self._counted_at < COUNT_S:
+            return
+        self._counted_at = time.monotonic()
+        with self._store.read() as session:
+            any_left = meters.has_uncounted(session)
+        while any_left:
+            any_left = self._store.write(meters.fold) == meters.BATCH
 
     def _run(self) -> None:
         due = 0.0
         while not self._ended.is_set():
+            self._looked_at = time.monotonic()
             try:
                 if time.monotonic() >= due:
                     self.tick()
@@ -144,5 +167,7 @@ class Ticker:
     def _ring(self, message: Message) -> None:
         try:
             publish(self._app, message)
+            self._telemetry.messages.inc()
         except (BrokerError, OSError):
+            self._telemetry.broker_errors.inc()
             log.warning("the broker does not answer; step %s is sent again later", message.step_id)
