@@ -11,10 +11,11 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from nerfmodal.identify.ambient import read_ambient
 from nerfmodal.identify.assemble import model_of_fit, read_fit
 from nerfmodal.identify.excitation import is_ambient
 from nerfmodal.identify.opinions import pursue
-from nerfmodal.identify.readings import Reading, Record
+from nerfmodal.identify.readings import Record
 from nerfmodal.identify.reduction import principal_axes
 from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
 from nerfmodal.identify.sinusoids import SinusoidFit, fit_sinusoids, useful_channels
@@ -110,38 +111,27 @@ def identify(
         rng=organ_generator(seed, displacement.sensors.organ),
     )
     count = _components(settings, len(fit.frequencies), channels)
-    readings = (
-        read_fit(record, fit),
-        pursue(record, count),
-        read_subspace(record, count, max_modes=settings.max_modes),
-    )
+    fitted, pursued = read_fit(record, fit), pursue(record, count)
+    if settings.excitation == "ambient" or (settings.excitation == "auto" and _looks_ambient(record, fit)):
+        others = read_ambient(record, count, max_modes=settings.max_modes)
+        model = model_of_subspace(record, others[0], (fitted, pursued, *others[1:]))
+    else:
+        others = (read_subspace(record, count, max_modes=settings.max_modes),)
+        model = model_of_fit(record, fit, fitted, (pursued, *others))
+    if settings.method == "complexity_pursuit":
+        model = model_of_pursuit(record, pursued, (fitted, *others))
     return OrganResult(
         organ=displacement.sensors.organ,
         surface=surface,
         displacement=displacement,
         reduction=record.axes.reduction(count),
-        model=_choose(settings, record, fit, *readings),
-        opinions=tuple(reading.opinion(displacement) for reading in readings),
+        model=model,
+        opinions=tuple(reading.opinion(displacement) for reading in (fitted, pursued, *others)),
     )
 
 
-def _choose(
-    settings: IdentificationSpec,
-    record: Record,
-    fit: SinusoidFit,
-    fitted: Reading,
-    pursued: Reading,
-    subspace: Reading,
-) -> ModalModel:
-    """The estimator that suits the settings and the record; the other two are heard."""
-    if settings.method == "complexity_pursuit":
-        return model_of_pursuit(record, pursued, (fitted, subspace))
-    energy = float((record.axes.scores[record.displacement.valid] ** 2).sum())
-    ambient = settings.excitation == "ambient"
-    ambient |= settings.excitation == "auto" and is_ambient(fit.residuals, energy)
-    if ambient:
-        return model_of_subspace(record, subspace, (fitted, pursued))
-    return model_of_fit(record, fit, fitted, (pursued, subspace))
+def _looks_ambient(record: Record, fit: SinusoidFit) -> bool:
+    return is_ambient(fit.residuals, float((record.axes.scores[record.displacement.valid] ** 2).sum()))
 
 
 def identify_scan(

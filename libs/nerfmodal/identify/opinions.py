@@ -5,7 +5,8 @@ import numpy as np
 from nerfmodal.identify.damping import logarithmic_decrement
 from nerfmodal.identify.readings import Reading, Record, normalised
 from nerfmodal.identify.separation import pursue_complexity
-from nerfmodal.identify.spectra import peak_frequency, resample_evenly
+from nerfmodal.identify.spectra import peak_frequency
+from nerfmodal.identify.subspace import at_frames, even_scores
 
 
 def pursue(record: Record, count: int) -> Reading:
@@ -13,8 +14,8 @@ def pursue(record: Record, count: int) -> Reading:
 
     Gaps and uneven stamps are bridged by straight lines here only; coordinates are at the frames' own instants.
     """
-    displacement, scores = record.displacement, record.axes.scores[:, :count]
-    even = resample_evenly(displacement.times, scores, displacement.frame_rate)
+    displacement = record.displacement
+    even = even_scores(record, count)
     sources = pursue_complexity(even)
     local, shapes, factors = normalised(record.axes, sources.mixing.T)  # eq 15: Phi = Psi U_rᵀ
     coordinates = sources.coordinates * factors
@@ -23,12 +24,11 @@ def pursue(record: Record, count: int) -> Reading:
     ratios = np.array(
         [logarithmic_decrement(series, line, rate) for series, line in zip(coordinates.T, frequencies, strict=True)]
     )
-    grid = displacement.times[0] + np.arange(len(even)) / rate
     return Reading(
         method="complexity_pursuit",
         frequencies=frequencies,
         damping_ratios=ratios,
         local=local,
         shapes=shapes,
-        coordinates=np.stack([np.interp(displacement.times, grid, series) for series in coordinates.T], axis=1),
+        coordinates=at_frames(displacement, coordinates),
     )

@@ -6,6 +6,7 @@ eigenvalues are the poles. Poles that stay as the order grows (frequency within 
 Uncertainty: Au (2014), long-data laws.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from nerfmodal.identify.readings import Reading, Record, normalised
 from nerfmodal.identify.shapes import coordinates_of, rotate_to_real
 from nerfmodal.identify.spectra import resample_evenly
 from nerfmodal.identify.whittle import SLOPES, refine_resonance
+from nerfmodal.types import DisplacementMatrix
 
 LOWEST_HZ = 0.35
 FEWEST_LAGS, MOST_LAGS = 8, 20
@@ -45,18 +47,28 @@ class Pole:
 
 def stabilise(series: Float[np.ndarray, "samples channels"], frame_rate: float, *, max_modes: int) -> tuple[Pole, ...]:
     """The stabilisation diagram: poles of even orders up to 4 × `max_modes`, marked if the order before has them."""
-    blocks = int(np.clip(SHARE_OF_LAGS * len(series), FEWEST_LAGS, MOST_LAGS))
-    blocks = max(2, min(blocks, len(series) // 4))
+    blocks = block_rows(series)
     channels = series.shape[1]
     left, singular, _ = np.linalg.svd(_toeplitz(series - series.mean(axis=0), blocks), full_matrices=False)
     poles: list[Pole] = []
-    before: list[Pole] = []
     for order in range(2, min(4 * max_modes, len(singular), (blocks - 1) * channels) + 1, 2):
         observability = left[:, :order] * np.sqrt(singular[:order])
-        found = _poles(observability, channels, order, frame_rate)
-        before = [_mark(pole, before) for pole in found]
-        poles += before
-    return tuple(poles)
+        poles += _poles(observability, channels, order, frame_rate)
+    return mark_stable(poles)
+
+
+def block_rows(series: Float[np.ndarray, "samples channels"]) -> int:
+    """Lags in the covariance matrix: a fifth of the samples, 8 to 20, never more than a quarter of them."""
+    blocks = int(np.clip(SHARE_OF_LAGS * len(series), FEWEST_LAGS, MOST_LAGS))
+    return max(2, min(blocks, len(series) // 4))
+
+
+def mark_stable(poles: Sequence[Pole]) -> tuple[Pole, ...]:
+    """The poles (by rising order), each marked if the order before has one alike."""
+    orders = sorted({pole.order for pole in poles})
+    groups = {order: [pole for pole in poles if pole.order == order] for order in orders}
+    pairs = zip([[], *(groups[order] for order in orders)], (groups[order] for order in orders), strict=False)
+    return tuple(_mark(pole, before) for before, now in pairs for pole in now)
 
 
 def cluster(poles: tuple[Pole, ...]) -> list[list[Pole]]:
@@ -77,14 +89,26 @@ def cluster(poles: tuple[Pole, ...]) -> list[list[Pole]]:
 
 def read_subspace(record: Record, count: int, *, max_modes: int) -> Reading:
     """Modes by stochastic subspace identification of `count` leading scores, sorted by frequency."""
+    even = even_scores(record, count)
+    poles = stabilise(even, record.displacement.frame_rate, max_modes=max_modes)
+    return read_poles(record, even, poles, max_modes=max_modes)
+
+
+def even_scores(record: Record, count: int) -> Float[np.ndarray, "samples count"]:
+    """The leading scores on an even grid of the frame rate, gaps bridged."""
     displacement = record.displacement
-    even = resample_evenly(displacement.times, record.axes.scores[:, :count], displacement.frame_rate)
-    groups = cluster(stabilise(even, displacement.frame_rate, max_modes=max_modes))[:max_modes]
+    return resample_evenly(displacement.times, record.axes.scores[:, :count], displacement.frame_rate)
+
+
+def read_poles(
+    record: Record, even: Float[np.ndarray, "samples count"], poles: tuple[Pole, ...], *, max_modes: int
+) -> Reading:
+    """Modes from a stabilisation diagram of the evenly sampled scores: clusters of poles, refined in the spectrum."""
+    displacement, count = record.displacement, even.shape[1]
+    groups = cluster(poles)[:max_modes]
     middles = np.array([_middle(group).shape for group in groups], dtype=complex).reshape(len(groups), count).T
     local, shapes, _ = normalised(record.axes, rotate_to_real(middles))
     coordinates = coordinates_of(even, local) if groups else np.zeros((len(even), 0))
-    grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
-    at_frames = [np.interp(displacement.times, grid, series) for series in coordinates.T]
     lines = _refined(groups, coordinates, displacement.frame_rate)
     return Reading(
         method="subspace",
@@ -92,8 +116,17 @@ def read_subspace(record: Record, count: int, *, max_modes: int) -> Reading:
         damping_ratios=lines[:, 1],
         local=local,
         shapes=shapes,
-        coordinates=np.array(at_frames).reshape(len(groups), len(displacement.times)).T,
+        coordinates=at_frames(displacement, coordinates),
     )
+
+
+def at_frames(
+    displacement: DisplacementMatrix, even: Float[np.ndarray, "samples modes"]
+) -> Float[np.ndarray, "frames modes"]:
+    """Evenly sampled series at the frames' own instants."""
+    grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
+    series = [np.interp(displacement.times, grid, each) for each in even.T]
+    return np.array(series).reshape(even.shape[1], len(displacement.times)).T
 
 
 def ambient_deviations(frequency: float, damping_ratio: float, duration: float) -> tuple[float, float]:

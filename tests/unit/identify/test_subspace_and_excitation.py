@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
-from nerfmodal.identify import identify
+from nerfmodal.identify import ambient, identify
+from nerfmodal.identify.ambient import pyoma_poles
 from nerfmodal.identify.excitation import excitation_of, recognise
 from nerfmodal.identify.metrics import mac
-from nerfmodal.identify.subspace import ambient_deviations, stabilise
+from nerfmodal.identify.readings import Record
+from nerfmodal.identify.reduction import principal_axes
+from nerfmodal.identify.subspace import ambient_deviations, even_scores, read_poles, read_subspace, stabilise
 from nerfmodal.identify.whittle import refine_resonance
 from nerfmodal.spec import IdentificationSpec
 from nerfmodal.types import Reason, Verdict
@@ -28,8 +31,9 @@ def test_a_minute_of_wind_holds_all_modes(seed: int) -> None:
         assert model.damping_ratios[index] == pytest.approx(0.02, abs=4 * damping_sd)
         assert mac(model.mode_shapes[:, 0, index], shape) > 0.99
     assert excitation_of([result], "auto") == "ambient"
-    methods = {"damped_sinusoids", "complexity_pursuit", "subspace"}
+    methods = {"damped_sinusoids", "complexity_pursuit", "subspace", "frequency_domain"}
     assert {opinion.method for opinion in result.opinions} == methods
+    assert all("frequency_domain" in model.quality[index].agreeing for index in accepted)
 
 
 def test_three_seconds_of_wind_are_never_accepted_as_ambient() -> None:
@@ -38,6 +42,25 @@ def test_three_seconds_of_wind_are_never_accepted_as_ambient() -> None:
     doubts = [quality for quality in model.quality if Reason.RECORD_TOO_SHORT in quality.reasons]
     assert len(doubts) == len(model.quality)
     assert all(quality.verdict is Verdict.DOUBTFUL for quality in doubts)
+
+
+def test_our_own_subspace_method_and_pyoma_have_the_same_poles() -> None:
+    displacement, _ = ambient_record(60.0, 0.02, 2)
+    record = Record(displacement=displacement, axes=principal_axes(displacement.coefficients, displacement.basis))
+    ours = read_subspace(record, 4, max_modes=8)
+    theirs = read_poles(
+        record, even_scores(record, 4), pyoma_poles(even_scores(record, 4), 30.0, max_modes=8), max_modes=8
+    )
+    np.testing.assert_allclose(ours.frequencies, theirs.frequencies, rtol=1e-3)
+    np.testing.assert_allclose(ours.damping_ratios, theirs.damping_ratios, atol=2e-3)
+
+
+def test_wind_without_pyoma_is_read_by_our_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ambient, "is_installed", lambda: False)
+    displacement, _ = ambient_record(60.0, 0.02, 2)
+    result = identify(displacement, IdentificationSpec(excitation="ambient"), seed=0)
+    np.testing.assert_allclose(result.model.frequencies, FREQUENCIES, rtol=0.02)
+    assert len(result.opinions) == 3
 
 
 def test_a_noiseless_decay_has_stable_poles_at_its_own() -> None:
