@@ -20,7 +20,7 @@ SECRETS: Final = (
     (re.compile(r"(?<=://)[^/@\s]*@"), "***@"),
     (re.compile(r"\bnm_[A-Za-z0-9_-]{8,}"), "nm_***"),
     (re.compile(r"\bwhsec_[A-Za-z0-9+/=_-]{8,}"), "whsec_***"),
-    (re.compile(r"(?i)\b(bearer|password|secret)([=: ]+)[^\s,;&\"']{4,}"), r"\1\2***"),
+    (re.compile(r"(?i)\b(bearer +|(?:password|secret)\s*[=:]\s*)[^\s,;&\"']{4,}"), r"\1***"),
 )
 ON_THEIR_OWN: Final = ("uvicorn", "uvicorn.error", "uvicorn.access")
 """Loggers that come with handlers of their own."""

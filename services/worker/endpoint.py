@@ -45,6 +45,10 @@ class Endpoint:
     def stop(self) -> None:
         """Answer no more."""
         self._server.shutdown()
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the port, where it has not been started."""
         self._server.server_close()
 
     def answer(self, path: str, accept: str) -> Answer:
