@@ -10,7 +10,6 @@ import re
 import secrets
 from collections.abc import Collection
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 from nerfmodal.errors import InvalidInput
@@ -20,42 +19,14 @@ from sqlalchemy.orm import Session
 from scanjobs.account_tables import ApiKey, Owner
 from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition, NotFound
-from scanjobs.repository import LOCAL_OWNER, new_id
+from scanjobs.repository import new_id
+from scanjobs.scopes import Principal, Scope
 
 PREFIX: Final = "nm_"
 KEY_PATTERN: Final = re.compile(r"nm_[A-Za-z0-9_-]{43}")
 OWNER_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 NOTED_EVERY_S: Final = 600.0
 """How exactly the last use of a key is known: a write for every request would cost more than the request."""
-
-
-class Scope(StrEnum):
-    """What a key is good for; each includes the ones before it."""
-
-    READ = "read"
-    SUBMIT = "submit"
-    ADMIN = "admin"
-
-
-ORDER: Final = tuple(Scope)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Principal:
-    """Who a request acts for, and what it may do."""
-
-    owner: str
-    scopes: frozenset[Scope]
-    key_id: str | None = None
-    requests_per_minute: int | None = None
-
-    def may(self, scope: Scope) -> bool:
-        """Whether this scope, or one that includes it, was given."""
-        return any(given in self.scopes for given in ORDER[ORDER.index(scope) :])
-
-
-LOCAL: Final = Principal(owner=LOCAL_OWNER, scopes=frozenset(Scope))
-"""Who uses a service that runs on his own machine."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from uuid import UUID
 from fastapi import Depends, Path, Request
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import NotFound
-from scanjobs.owners import Principal, Scope
+from scanjobs.scopes import Principal, Scope
 from scanjobs.settings import Settings
 from scanjobs.store import Store
 

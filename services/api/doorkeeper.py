@@ -11,7 +11,8 @@ import time
 from typing import Final
 from urllib.parse import urlsplit
 
-from scanjobs.owners import LOCAL, NOTED_EVERY_S, Principal, authenticate, note_use, principal_of
+from scanjobs.owners import NOTED_EVERY_S, authenticate, note_use, principal_of
+from scanjobs.scopes import LOCAL, Principal
 from scanjobs.settings import Settings
 from scanjobs.store import Store
 from sqlalchemy.exc import DBAPIError

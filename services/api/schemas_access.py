@@ -5,7 +5,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 from scanjobs.account_tables import ApiKey
-from scanjobs.owners import Issued, Scope
+from scanjobs.owners import Issued
+from scanjobs.scopes import Scope
 
 from services.api.schemas import instant
 

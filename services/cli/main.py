@@ -2,7 +2,7 @@
 
 import typer
 
-from services.cli import compare, demo, doctor, local, presets, scans, up, worker
+from services.cli import compare, demo, doctor, keys, local, presets, scans, up, worker
 from services.cli.outcomes import Commands
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app.command(epilog="Example: nerfmodal migrate")(worker.migrate)
 app.command(epilog="Example: nerfmodal doctor")(doctor.doctor)
 app.command(epilog="Example: nerfmodal presets quick > quick.yaml")(presets.presets)
 app.add_typer(scans.app, name="scans")
+app.add_typer(keys.app, name="keys")
 
 
 def main() -> None:

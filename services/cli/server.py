@@ -32,9 +32,10 @@ def serve(settings: Settings, listener: socket.socket, slots: int | None) -> Non
 
 
 def local_app(settings: Settings) -> FastAPI:
-    """The API for this machine alone: a page elsewhere whose name is made to lead here is not answered."""
+    """The API; where no keys are asked for, a page elsewhere whose name is made to lead here is not answered."""
     app = create_app(settings)
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL_NAMES))
+    if settings.keyless is not False:
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL_NAMES))
     return app
 
 
@@ -48,7 +49,7 @@ class AnnouncedServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=sockets)
         assert sockets is not None
-        host, port = sockets[0].getsockname()
+        host, port = sockets[0].getsockname()[:2]
         address = f"http://{host}:{port}"
         folder = self._settings.data_folder
         announce(folder, address)

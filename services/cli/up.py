@@ -4,6 +4,7 @@ The worker holds a lock on the data folder and brings the database up to date; S
 way back before the process ends.
 """
 
+import ipaddress
 import os
 import signal
 import socket
@@ -28,8 +29,15 @@ class PortTaken(NerfmodalError):
     code = "PORT_TAKEN"
 
 
+class KeysNeeded(NerfmodalError):
+    """The service would be open to other machines and nobody has a key; make one first."""
+
+    code = "KEYS_NEEDED"
+
+
 def up(
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")] = 8000,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
+    host: Annotated[str, typer.Option(help="Address to listen at; others than this machine's own need keys.")] = HOST,
     data: Data = None,
     captures: Annotated[list[Path] | None, typer.Option(help="Folders captures may be read from.")] = None,
     slots: Slots = None,
@@ -37,11 +45,13 @@ def up(
 ) -> None:
     """Start API and worker on this machine; stop with Ctrl-C."""
     settings = settings_with(data, captures)
+    if not is_loopback(host):
+        settings = asking_for_keys(settings)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, _leave)
     if until_stdin_closes:
         threading.Thread(target=_leave_with_parent, name="parent", daemon=True).start()
-    with listen(port) as listener:
+    with listen(port, host) as listener:
         from services.cli.server import serve  # here: uvicorn and celery take long to import
 
         serve(settings, listener, slots)
@@ -53,16 +63,35 @@ def settings_with(data: Path | None, captures: Sequence[Path] | None) -> Setting
     return Settings(**{key: value for key, value in changes.items() if value is not None})  # type: ignore[arg-type]
 
 
-def listen(port: int) -> socket.socket:
-    """A socket that listens on this machine only. Raises `PortTaken`."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach the address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def asking_for_keys(settings: Settings) -> Settings:
+    """The same settings with every caller needing a key. Raises `KeysNeeded` where nobody has one."""
+    from services.cli.keys import has_living_key
+
+    if not has_living_key(settings):
+        hint = "Make one with `nerfmodal keys create`, or listen at 127.0.0.1."
+        raise KeysNeeded("callers on other machines need an API key, and there is none.", where="--host", hint=hint)
+    return settings.model_copy(update={"keyless": False})
+
+
+def listen(port: int, host: str = HOST) -> socket.socket:
+    """A socket that listens at an address of this machine. Raises `PortTaken`."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((HOST, port))
+        listener.bind((host, port))
     except OSError as error:
         listener.close()
         hint = "Choose another --port, or 0 for a free one."
-        raise PortTaken(f"cannot listen at port {port}: {error.strerror}.", where="--port", hint=hint) from error
+        raise PortTaken(f"no listening at {host}:{port}: {error.strerror}.", where="--port", hint=hint) from error
     listener.listen(128)
     return listener
 

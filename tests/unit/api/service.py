@@ -8,8 +8,9 @@ from typing import Any
 from fastapi import FastAPI
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.messages import IDENTIFY
-from scanjobs.owners import Scope, issue_key
+from scanjobs.owners import issue_key
 from scanjobs.repository import LOCAL_OWNER, get_scan, list_steps
+from scanjobs.scopes import Scope
 from scanjobs.settings import Settings
 from scanjobs.store import Store
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 from scanjobs.account_tables import ApiKey
-from scanjobs.owners import Scope
+from scanjobs.scopes import Scope
 from sqlalchemy import update
 from starlette.testclient import TestClient
 
