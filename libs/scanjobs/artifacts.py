@@ -29,7 +29,7 @@ class Stored:
 
 
 class ArtifactStore:
-    """A content-addressed folder."""
+    """A content-addressed folder; `object_store` has its sibling that keeps the files elsewhere."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition
-from scanjobs.fanin import made_damaged, take_over_ready
+from scanjobs.fanin import made_damaged, made_dropped, take_over_ready
 from scanjobs.messages import IDENTIFY, INSPECT, KINDS
 from scanjobs.plan import WHOLE_SCAN, PlannedStep, StepKey, first_steps, is_at_or_after, is_partial, later_steps
 from scanjobs.planting import Inheritance, plant
@@ -133,4 +133,10 @@ def _kept(
     for step in plan:  # parents come before their children
         if step.key in finished and step.key not in afresh and all(parent in kept for parent in step.parents):
             kept[step.key] = finished[step.key]
+    dropped = made_dropped(session, scan)
+    for step in reversed(plan):  # whoever is computed needs its parents' files, which retention may have dropped
+        if step.key not in kept:
+            for parent in step.parents:
+                if parent in kept and kept[parent].id in dropped:
+                    del kept[parent]
     return kept

@@ -4,13 +4,21 @@ import errno
 import os
 import shutil
 from pathlib import Path
+from typing import Final
 
 from scanjobs.settings import Settings
+
+ENOUGH: Final = 1.25
 
 
 def is_low(settings: Settings) -> bool:
     """Whether less than `disk_low_mb` is left for the data folder or the artifacts: nothing new is begun then."""
     return free_bytes(settings) < settings.disk_low_mb * 10**6
+
+
+def has_room(settings: Settings) -> bool:
+    """Whether so much is left that what was paused for a low disk goes on: a little more than what paused it."""
+    return free_bytes(settings) > ENOUGH * settings.disk_low_mb * 10**6
 
 
 def free_bytes(settings: Settings) -> int:

@@ -1,8 +1,8 @@
 """Ready steps become sent ones: a small window per queue, so that the broker's order never matters.
 
 At most twice the free slots of a queue are `sent`. Of what is ready comes first: the higher priority, the owner with
-the fewest steps under way for its weight, the scan with the fewest, the deepest step (a frame under way is finished before another
-is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is sent again.
+the fewest steps under way for its weight, the scan with the fewest, the deepest step (a frame under way is finished
+before another is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is sent again.
 """
 
 from collections import Counter

@@ -22,6 +22,8 @@ from scanjobs.transitions import UNSYNCHRONISED, move_step
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
+DROPPED: Final = "dropped"
+"""Its bytes may be gone, by retention; its digest is still known."""
 FORGOTTEN: Final = (ScanState.DELETING.value, ScanState.DELETED.value)
 
 
@@ -53,12 +55,21 @@ def damn(session: Session, digest: str) -> None:
 
 def made_damaged(session: Session, scan: Scan) -> frozenset[str]:
     """Steps of the scan's root, one of whose files is damaged."""
+    return _makers_of(session, scan, DAMAGED)
+
+
+def made_dropped(session: Session, scan: Scan) -> frozenset[str]:
+    """Steps of the scan's root, one of whose files retention has dropped."""
+    return _makers_of(session, scan, DROPPED)
+
+
+def _makers_of(session: Session, scan: Scan, state: str) -> frozenset[str]:
     query = (
         select(ArtifactRef.step_id)
         .join(Artifact, Artifact.digest == ArtifactRef.digest)
         .join(Step, Step.id == ArtifactRef.step_id)
         .join(Scan, Scan.id == Step.scan_id)
-        .where(Artifact.state == DAMAGED, Scan.root_id == scan.root_id)
+        .where(Artifact.state == state, Scan.root_id == scan.root_id)
     )
     return frozenset(session.scalars(query))
 

@@ -12,8 +12,9 @@ from sqlalchemy.orm import Session, aliased
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.clock import now_s
 from scanjobs.errors import ScanjobsError
+from scanjobs.fanin import DROPPED
 from scanjobs.states import LIVE_STEP_STATES, TERMINAL_SCAN_STATES, StepState
-from scanjobs.tables import ArtifactRef, Attempt, Event, Scan, Step, StepDependency
+from scanjobs.tables import Artifact, ArtifactRef, Attempt, Event, Scan, Step, StepDependency
 
 GRACE_S: Final = 5.0
 """An expired lease is reaped by the next tick, not at once."""
@@ -125,8 +126,9 @@ def _events_are_chained(session: Session) -> Iterator[str]:
 
 
 def _artifacts_are_whole(session: Session, artifacts: ArtifactStore) -> Iterator[str]:
-    """Every digest that is referred to is stored, and its bytes match."""
-    for digest in session.scalars(select(ArtifactRef.digest).distinct()):
+    """Every digest that is referred to is stored, and its bytes match; those that retention has dropped may be gone."""
+    kept = select(Artifact.digest).where(Artifact.state != DROPPED)
+    for digest in session.scalars(select(ArtifactRef.digest).where(ArtifactRef.digest.in_(kept)).distinct()):
         try:
             artifacts.path(digest)
         except ScanjobsError as error:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
+NO_LIMIT = 2**62
 Seconds = Annotated[float, Field(gt=0)]
 
 
@@ -24,6 +25,9 @@ class Settings(BaseSettings):
     broker_url: str = "memory://localhost/"
     artifact_folder: Path | None = None
     """Where artifacts lie; None is `data_folder`/artifacts."""
+    artifact_url: str | None = None
+    """An object store, such as `s3://bucket/prefix`, for the artifacts; `artifact_folder` is then a cache of it."""
+    artifact_cache_mb: Annotated[int, Field(ge=0)] = 10_000
     capture_roots: Annotated[tuple[Path, ...], NoDecode] = (Path(),)
     """Folders that captures and clouds may be read from; in the variable separated as in PATH."""
 
@@ -76,6 +80,8 @@ class Settings(BaseSettings):
     """After a scan has succeeded its checkpoints are kept for so long; results are kept until they are deleted."""
     collect_every_s: Seconds = 6 * 3600.0
     """How often one of the workers removes files that nothing refers to."""
+    save_every_s: Seconds = 30.0
+    """A training saves its state so often: what is lost with its worker is at most this much work."""
     drain_s: Seconds = 12.0
     """From SIGTERM to giving up on a clean end."""
 
@@ -105,6 +111,11 @@ class Settings(BaseSettings):
     def captures(self) -> Path:
         """The folder of captures made from uploads; workers on other machines need it too."""
         return (self.data_folder / "captures").resolve()
+
+    @property
+    def scan_quota(self) -> int:
+        """Bytes of results that one owner may have."""
+        return self.scan_quota_mb * 10**6 if self.scan_quota_mb else NO_LIMIT
 
     @property
     def artifacts(self) -> Path:

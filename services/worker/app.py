@@ -15,18 +15,20 @@ from typing import Final
 import uuid6
 from celery import Celery
 from scanjobs import workers
-from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse
 from scanjobs.messages import QUEUES
 from scanjobs.migrate import check_current, upgrade
+from scanjobs.object_store import open_artifacts
 from scanjobs.queue import make_app, make_consumer, serve
 from scanjobs.settings import Settings
+from scanjobs.slots import Devices
 from scanjobs.store import Store, open_store
 from scanjobs.telemetry import Telemetry
 from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from services.worker.chores import Chores
 from services.worker.endpoint import Endpoint
 from services.worker.supervisor import Supervisor
 from services.worker.ticker import Ticker, process_table
@@ -44,12 +46,15 @@ class Worker:
         self.drained = threading.Event()
         self._store = store
         self._settings = settings
+        artifacts = open_artifacts(settings)
+        self._chores = Chores(store, artifacts, settings)
         self.supervisor = Supervisor(
             store=store,
-            artifacts=ArtifactStore(settings.artifacts),
+            artifacts=artifacts,
             settings=settings,
             worker_id=identity.id,
             on_change=self._wake,
+            devices=Devices(host=identity.host, gpus=settings.gpus),
         )
         telemetry = Telemetry(settings, store)
         serve(app, self.supervisor.supervise)
@@ -62,8 +67,9 @@ class Worker:
             settings=settings,
             identity=identity,
             telemetry=telemetry,
-            on_tick=lambda: self.supervisor.children.end_idle(settings.runner_idle_s),
+            on_tick=self._tick,
             on_drain=self.drained.set,
+            on_pause=self.supervisor.pause,
             on_dead=self.supervisor.sweep,
         )
         self.endpoint = (
@@ -96,6 +102,10 @@ class Worker:
             self.endpoint.stop()
         self._say(lambda session: workers.bury(session, [self.identity.id]))
         self._store.close()
+
+    def _tick(self) -> None:
+        self.supervisor.children.end_idle(self._settings.runner_idle_s)
+        self._chores.run()
 
     def _wake(self) -> None:
         self._ticker.wake()

@@ -19,6 +19,8 @@ from services.worker.protocol import TASKS_VARIABLE, Line, Order, encode, run_li
 
 log = logging.getLogger(__name__)
 
+ON_THE_WAY: Final = frozenset({"progress", "saved"})
+"""Lines of a step that goes on."""
 THREAD_VARIABLES: Final = (
     "OMP_NUM_THREADS",
     "NUMBA_NUM_THREADS",
@@ -31,8 +33,9 @@ THREAD_VARIABLES: Final = (
 class Child:
     """One runner process, in a session of its own so that a terminal's Ctrl-C reaches its supervisor alone."""
 
-    def __init__(self, kind: str, settings: Settings, log_path: Path) -> None:
+    def __init__(self, kind: str, device: str | None, settings: Settings, log_path: Path) -> None:
         self.kind = kind
+        self.device = device
         self.log_path = log_path
         self.steps = 0
         self.is_busy = False
@@ -45,7 +48,7 @@ class Child:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=output,
-                env=runner_environment(settings),
+                env=runner_environment(settings, device),
                 start_new_session=True,
             )
         threading.Thread(target=self._listen, name=f"listen-{self.pid}", daemon=True).start()
@@ -69,21 +72,25 @@ class Child:
     def receive(self, timeout_s: float) -> Line | None:
         """Its next line. Raises `queue.Empty` when it says nothing in time; None when it has died."""
         line = self._lines.get(timeout=timeout_s)
-        self.is_busy = line is not None and "progress" in line
+        self.is_busy = line is not None and not line.keys().isdisjoint(ON_THE_WAY)
         return line
 
-    def stop(self, grace_s: float) -> None:
-        """Ask it to stop its step, and kill it if it has not in `grace_s` seconds."""
+    def stop(self, grace_s: float) -> Path | None:
+        """Ask it to stop its step, and kill it if it has not in `grace_s` seconds; the last file that it saved."""
         self._send({"stop": True})
+        saved: Path | None = None
         deadline = time.monotonic() + grace_s
         while (left := deadline - time.monotonic()) > 0:
             try:
                 line = self.receive(left)
             except queue.Empty:
                 break
-            if line is None or "progress" not in line:
+            if line is not None and "saved" in line:
+                saved = Path(line["saved"])
+            if not self.is_busy:
                 break
         self.kill()
+        return saved
 
     def kill(self) -> None:
         """End it now, with everything it has started."""
@@ -126,16 +133,17 @@ class Children:
         self._started = 0
         self._lock = threading.Lock()
 
-    def take(self, kind: str) -> Child:
-        """A runner that has loaded what steps of this kind need, or a new one."""
+    def take(self, kind: str, device: str | None = None) -> Child:
+        """A runner that has loaded what steps of this kind need (and holds the device), or a new one."""
         with self._lock:
             self._started += 1
             number = self._started
-            child = next((one for one in reversed(self._idle) if one.kind == kind and one.exit_code is None), None)
+            fit = (one for one in reversed(self._idle) if (one.kind, one.device) == (kind, device))
+            child = next((one for one in fit if one.exit_code is None), None)
             if child is not None:
                 self._idle.remove(child)
                 return child
-        return Child(kind, self._settings, self._log_folder / f"{kind}-{number}.log")
+        return Child(kind, device, self._settings, self._log_folder / f"{kind}-{number}.log")
 
     def give_back(self, child: Child) -> None:
         """Keep a runner for the next step of its kind, unless it has done its share."""
@@ -158,8 +166,9 @@ class Children:
             child.kill()
 
 
-def runner_environment(settings: Settings) -> dict[str, str]:
-    """The environment of a runner: this one, its number of threads, its tasks, and where to import from."""
+def runner_environment(settings: Settings, device: str | None = None) -> dict[str, str]:
+    """The environment of a runner: this one, its number of threads, its GPU, its tasks, and where to import from."""
     threads = dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_runner))
     path = os.pathsep.join(part for part in sys.path if part)
-    return {**os.environ, **threads, TASKS_VARIABLE: settings.tasks, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+    gpu = {} if device is None else {"CUDA_VISIBLE_DEVICES": device.removeprefix("gpu:")}
+    return {**os.environ, **threads, **gpu, TASKS_VARIABLE: settings.tasks, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}

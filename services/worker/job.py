@@ -21,15 +21,30 @@ class GivenFile:
     path: Path
 
 
+class StepStopped(Exception):
+    """The supervisor asked to stop; raised out of the next progress report. What is saved before it ends is kept."""
+
+
+def save_nothing(path: Path) -> None:
+    """Of a job that nobody would go on with."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One step, as a task sees it."""
+    """One step, as a task sees it.
+
+    A long task calls `save` with a new file every `save_every_s`, and once more when it is stopped; the next attempt
+    finds the last one in `resume`. The file is taken away when it has been stored.
+    """
 
     kind: str
     frame: int
     spec: ScanSpec
     inputs: tuple[GivenFile, ...]
     out: Path
+    resume: Path | None = None
+    save: Callable[[Path], None] = save_nothing
+    save_every_s: float = 30.0
 
     def files(self, role: str) -> tuple[GivenFile, ...]:
         """The given files of a role, by frame."""

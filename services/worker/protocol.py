@@ -1,7 +1,7 @@
 """What a supervisor and its runner say to each other: one JSON object a line.
 
 To the runner: `{"run": {...}}` and `{"stop": true}`; its stdin closing means "end at once".
-From the runner: `{"progress": {...}}`, then `{"produced": {...}}` or `{"failed": {...}}`.
+From the runner: `{"progress": {...}}` and `{"saved": PATH}`, then `{"produced": {...}}` or `{"failed": {...}}`.
 """
 
 import json
@@ -26,6 +26,9 @@ class Order:
     spec: dict[str, Any]
     inputs: tuple[dict[str, Any], ...]
     out: str
+    save_every_s: float = 30.0
+    resume: str | None = None
+    """What an earlier attempt has saved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +57,11 @@ def run_line(order: Order) -> Line:
 def failed_line(failed: Failed) -> Line:
     """The line that ends a step without a result."""
     return {"failed": asdict(failed)}
+
+
+def saved_line(path: Path) -> Line:
+    """The line that hands over what the next attempt would go on from."""
+    return {"saved": str(path)}
 
 
 def produced_line(made: tuple[Made, ...], facts: dict[str, Any]) -> Line:

@@ -21,7 +21,7 @@ from nerfmodal.errors import InvalidInput, MissingExtra, NerfmodalError
 from nerfmodal.progress import Progress
 from nerfmodal.spec import ScanSpec
 
-from services.worker.job import GivenFile, Job, Task
+from services.worker.job import GivenFile, Job, StepStopped, Task, save_nothing
 from services.worker.protocol import (
     DISK_FULL,
     TASKS_VARIABLE,
@@ -31,14 +31,11 @@ from services.worker.protocol import (
     encode,
     failed_line,
     produced_line,
+    saved_line,
 )
 
 REPORT_S: Final = 0.1
 DEFAULT_TASKS: Final = "services.worker.tasks"
-
-
-class StepStopped(Exception):
-    """The supervisor asked to stop; raised out of the next progress report."""
 
 
 class Runner:
@@ -58,7 +55,7 @@ class Runner:
         tasks = self._load()
         while True:
             order = self._waiting.get()
-            self._say(answer(order, tasks, self._report))
+            self._say(answer(order, tasks, self._report, self._save))
 
     def _read(self) -> None:
         for text in self._orders:
@@ -78,15 +75,23 @@ class Runner:
         self._told_at = time.monotonic()
         self._say({"progress": {"done": progress.done, "total": progress.total, "message": progress.message}})
 
+    def _save(self, path: Path) -> None:
+        self._say(saved_line(path))
+
     def _say(self, line: Line) -> None:
         self._answers.write(encode(line))
         self._answers.flush()
 
 
-def answer(order: Order, tasks: Mapping[str, Task], report: Callable[[Progress], None]) -> Line:
+def answer(
+    order: Order,
+    tasks: Mapping[str, Task],
+    report: Callable[[Progress], None],
+    save: Callable[[Path], None] = save_nothing,
+) -> Line:
     """Compute one order; every way it can end is a line."""
     try:
-        produced = tasks[order.kind](_job(order), report)
+        produced = tasks[order.kind](_job(order, save), report)
         return produced_line(produced.files, produced.facts)
     except StepStopped:
         return failed_line(Failed(code="STOPPED", message="the step was asked to stop."))
@@ -117,13 +122,22 @@ def _tasks() -> Mapping[str, Task]:
     return tasks
 
 
-def _job(order: Order) -> Job:
+def _job(order: Order, save: Callable[[Path], None]) -> Job:
     inputs = (
         GivenFile(kind=one["kind"], frame=one["frame"], role=one["role"], path=Path(one["path"]))
         for one in order.inputs
     )
     spec = ScanSpec.model_validate(order.spec)
-    return Job(kind=order.kind, frame=order.frame, spec=spec, inputs=tuple(inputs), out=Path(order.out))
+    return Job(
+        kind=order.kind,
+        frame=order.frame,
+        spec=spec,
+        inputs=tuple(inputs),
+        out=Path(order.out),
+        resume=None if order.resume is None else Path(order.resume),
+        save=save,
+        save_every_s=order.save_every_s,
+    )
 
 
 def _of_science(error: NerfmodalError) -> Failed:

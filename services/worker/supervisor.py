@@ -10,9 +10,10 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from scanjobs import dispatch, leases
 from scanjobs.artifacts import ArtifactStore, place_input
@@ -23,6 +24,7 @@ from scanjobs.leases import Claim, Failure, Standing
 from scanjobs.logs import about
 from scanjobs.media import media_type_of
 from scanjobs.settings import Settings
+from scanjobs.slots import Devices
 from scanjobs.store import Store
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -31,6 +33,8 @@ from services.worker.protocol import DISK_FULL, Failed, Line, Order, failed_line
 
 log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+RESUME: Final = "resume"
 PROGRESS_S: Final = 1.0
 """Progress is written at most this often."""
 
@@ -105,6 +109,7 @@ class Supervisor:
         settings: Settings,
         worker_id: str,
         on_change: Callable[[], None],
+        devices: Devices | None = None,
     ) -> None:
         self._store = store
         self._artifacts = artifacts
@@ -112,12 +117,21 @@ class Supervisor:
         self._worker_id = worker_id
         self._on_change = on_change
         self._work = settings.data_folder.resolve() / "work" / worker_id
+        self._devices = devices
         self._draining = threading.Event()
+        self._paused = threading.Event()
         self.children = Children(settings, settings.data_folder.resolve() / "logs" / worker_id)
 
     def drain(self) -> None:
         """Take no more steps, and give back those under way."""
         self._draining.set()
+
+    def pause(self, is_paused: bool) -> None:
+        """Take no more steps while this holds, and finish those under way."""
+        if is_paused:
+            self._paused.set()
+        else:
+            self._paused.clear()
 
     def close(self) -> None:
         """End the idle runners and remove the working folder."""
@@ -131,14 +145,15 @@ class Supervisor:
 
     def supervise(self, step_id: str) -> None:
         """Compute one step if it is still to be had."""
-        if self._draining.is_set():
+        if self._draining.is_set() or self._paused.is_set():
             self._store.write(lambda session: dispatch.take_back(session, step_id))
             return
         if not self._is_wanted(step_id):
             return
         began = time.monotonic()
-        lease_s = self._settings.lease_s
-        claim = self._store.write(lambda session: leases.claim(session, step_id, self._worker_id, lease_s))
+        claim = self._store.write(
+            lambda session: leases.claim(session, step_id, self._worker_id, self._settings.lease_s, self._devices)
+        )
         if claim is None:
             return
         watch = Watch(began, began)
@@ -160,8 +175,8 @@ class Supervisor:
     def _compute(self, claim: Claim, folder: Path, watch: Watch) -> Failure | None:
         """Everything from the input files to the accepted result; what went wrong, if the claim is still ours."""
         try:
-            order = self._order(claim, folder)
-            child = self.children.take(claim.kind)
+            order = self._meanwhile(claim, watch, lambda: self._order(claim, folder))
+            child = self.children.take(claim.kind, claim.device)
         except ArtifactDamaged as error:
             return Failure(
                 code=error.code, message=error.message, hint=error.hint, retryable=False, damaged=error.digest
@@ -195,11 +210,32 @@ class Supervisor:
             path = folder / "in" / f"{one.kind}-{one.frame}" / one.name
             place_input(self._artifacts.path(one.digest), path)
             inputs.append({"kind": one.kind, "frame": one.frame, "role": one.role, "path": str(path)})
-        return Order(kind=claim.kind, frame=claim.frame, spec=claim.spec, inputs=tuple(inputs), out=str(folder / "out"))
+        return Order(
+            kind=claim.kind,
+            frame=claim.frame,
+            spec=claim.spec,
+            inputs=tuple(inputs),
+            out=str(folder / "out"),
+            save_every_s=self._settings.save_every_s,
+            resume=self._resume(claim, folder),
+        )
+
+    def _resume(self, claim: Claim, folder: Path) -> str | None:
+        """What an earlier attempt has saved; the last attempt begins anew, in case that is what it fails of."""
+        if claim.resume is None or claim.attempt >= self._settings.max_attempts > 1:
+            return None
+        path = folder / "in" / "resume"
+        try:
+            place_input(self._artifacts.path(claim.resume), path)
+        except ArtifactDamaged:
+            log.warning("what step %s has saved is damaged; it begins anew", claim.step_id)
+            return None
+        return str(path)
 
     def _watch(self, claim: Claim, child: Child, watch: Watch) -> Line | None:
         """The runner's last line, or None when the step was taken from it."""
         looked_at = time.monotonic()
+        limit_s = claim.spec.get("step_limit_s") or self._settings.step_limit_s
         while True:
             try:
                 line = child.receive(self._settings.watch_s)
@@ -209,20 +245,24 @@ class Supervisor:
                 return death_of(child)
             if "progress" in line:
                 watch.note(line)
+            elif "saved" in line:
+                self._save(claim, Path(line["saved"]), watch)
             elif line:
                 return line
             if time.monotonic() - looked_at >= self._settings.watch_s:
                 looked_at = time.monotonic()
                 if not self._go_on(claim, child, watch):
                     return None
-                if looked_at - watch.began >= self._settings.step_limit_s:
+                if looked_at - watch.began >= limit_s:
                     child.stop(self._settings.stop_grace_s)
                     return failed_line(TOO_LONG)
 
     def _go_on(self, claim: Claim, child: Child, watch: Watch) -> bool:
         """Look at the claim; False after the runner has been stopped for a reason that is written down."""
         if self._draining.is_set():
-            child.stop(self._settings.stop_grace_s)
+            saved = child.stop(self._settings.drain_s / 2)
+            if saved is not None:
+                self._save(claim, saved, watch)
             self._write(watch, lambda session: leases.give_back(session, claim, "drain"))
             return False
         standing = self._standing(claim, watch)
@@ -255,11 +295,28 @@ class Supervisor:
 
     def _accept(self, claim: Claim, line: Line, watch: Watch) -> None:
         made, facts = read_produced(line)
-        outputs = tuple(self._keep(one.role, one.path) for one in made)
+        outputs = self._meanwhile(claim, watch, lambda: tuple(self._keep(one.role, one.path) for one in made))
         if self._write(watch, lambda session: leases.finish(session, claim, outputs, facts)):
             log.info("step succeeded", extra={"duration_s": round(time.monotonic() - watch.began, 3)})
         else:
             log.warning("the result of step %s came too late and is dropped", claim.step_id)
+
+    def _save(self, claim: Claim, path: Path, watch: Watch) -> None:
+        """Store what the next attempt would go on from; without it that one only has more to do."""
+        try:
+            saved = self._meanwhile(claim, watch, lambda: self._keep(RESUME, path))
+            path.unlink(missing_ok=True)
+            self._store.write(lambda session: leases.save(session, claim, saved))
+        except (OSError, SQLAlchemyError) as error:
+            log.warning("step %s cannot save its state: %s", claim.step_id, error)
+
+    def _meanwhile(self, claim: Claim, watch: Watch, work: Callable[[], T]) -> T:
+        """Do what may take long (files that travel, digests) while the lease is kept alive."""
+        with ThreadPoolExecutor(1, "files") as pool:
+            future = pool.submit(work)
+            while not wait((future,), timeout=self._settings.watch_s).done:
+                self._standing(claim, watch)
+        return future.result()
 
     def _keep(self, role: str, path: Path) -> Output:
         stored = self._artifacts.put(path)

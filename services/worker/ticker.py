@@ -59,6 +59,7 @@ class Ticker:
         telemetry: Telemetry,
         on_tick: Callable[[], None],
         on_drain: Callable[[], None],
+        on_pause: Callable[[bool], None],
         on_dead: Callable[[Sequence[str]], None],
     ) -> None:
         self._store = store
@@ -69,6 +70,7 @@ class Ticker:
         self._looked_at = self._counted_at = time.monotonic()
         self._on_tick = on_tick
         self._on_drain = on_drain
+        self._on_pause = on_pause
         self._on_dead = on_dead
         self._holder = identity.id if settings.broker_url.startswith("memory") else None
         self._wake = threading.Event()
@@ -130,7 +132,9 @@ class Ticker:
             self._wake.clear()
 
     def _beat(self) -> None:
-        if self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s)) != "active":
+        state = self._store.write(lambda session: workers.beat(session, self._identity, self._settings.lease_s))
+        self._on_pause(state == workers.PAUSED)
+        if state not in (workers.ACTIVE, workers.PAUSED):
             self._on_drain()
 
     def _send_ready(self) -> None:
@@ -138,7 +142,8 @@ class Ticker:
             log.warning("the disk is nearly full: no step is begun")
             return
         for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
-            self._ring(message)
+            if not self._ring(message):
+                return  # the others would wait as long for nothing; all are sent again when nobody claims them
 
     def _bury_dead(self) -> None:
         """Workers of this process table that have died without a word need not be waited for."""
@@ -164,10 +169,12 @@ class Ticker:
         for scan_id in late:
             self._store.write(partial(miss_deadline, scan_id=scan_id))
 
-    def _ring(self, message: Message) -> None:
+    def _ring(self, message: Message) -> bool:
         try:
             publish(self._app, message)
-            self._telemetry.messages.inc()
         except (BrokerError, OSError):
             self._telemetry.broker_errors.inc()
             log.warning("the broker does not answer; step %s is sent again later", message.step_id)
+            return False
+        self._telemetry.messages.inc()
+        return True
