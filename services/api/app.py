@@ -5,6 +5,7 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 from scanjobs.artifacts import ArtifactStore
+from scanjobs.object_store import open_artifacts
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
 
@@ -31,7 +32,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
         settings=settings,
         store=store,
         cursors=Cursors(store),
-        artifacts=artifact_store or ArtifactStore(settings.artifacts),
+        artifacts=artifact_store or open_artifacts(settings),
     )
 
     @asynccontextmanager
