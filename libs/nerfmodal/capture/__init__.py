@@ -1,5 +1,6 @@
 """Real captures: which pictures and cameras belong to which instant."""
 
-from nerfmodal.capture.folder import Capture, check_pictures, open_capture, read_frame, split_held_out
+from nerfmodal.capture.opening import open_capture
+from nerfmodal.capture.record import Capture, Clock, split_held_out
 
-__all__ = ["Capture", "check_pictures", "open_capture", "read_frame", "split_held_out"]
+__all__ = ["Capture", "Clock", "open_capture", "split_held_out"]

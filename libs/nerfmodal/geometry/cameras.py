@@ -115,9 +115,12 @@ def semi_spherical_rig(spec: RigSpec) -> Rig:
 
 
 def focus_of(rig: Rig) -> tuple[Float[np.ndarray, " 3"], float]:
-    """The point nearest to all optical axes (least squares), and the mean distance to it, metres."""
+    """The point nearest to all optical axes (least squares), and the mean distance to it, metres.
+
+    Of parallel axes, which have no such point, some point is given that lies between the cameras.
+    """
     poses = np.stack([camera.camera_to_world for camera in rig.cameras])
     positions, axes = poses[:, :3, 3], poses[:, :3, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    center = np.linalg.solve(across.sum(axis=0), (across @ positions[:, :, None]).sum(axis=0))[:, 0]
+    center = np.linalg.lstsq(across.sum(axis=0), (across @ positions[:, :, None]).sum(axis=0), rcond=1e-9)[0][:, 0]
     return center, float(np.linalg.norm(positions - center, axis=1).mean())

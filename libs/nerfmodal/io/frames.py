@@ -2,8 +2,10 @@
 
 import io
 import json
+import warnings
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -13,6 +15,11 @@ from nerfmodal.io.atomic import atomic_write
 from nerfmodal.io.transforms import camera_entry, parse_camera
 from nerfmodal.types import Frame, Rig
 
+LARGEST_PICTURE = 60_000_000
+"""Pixels; a larger one is taken for a decompression bomb."""
+BROKEN = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
+"""What Pillow raises of a file that is no picture."""
+
 
 def write_frame(path: Path, frame: Frame) -> None:
     """Write a frame; PNG keeps every pixel exactly."""
@@ -21,10 +28,17 @@ def write_frame(path: Path, frame: Frame) -> None:
         | {"file_path": f"images/{camera.name}.png", "frame_index": frame.index, "time_s": frame.time}
         for camera in frame.rig.cameras
     ]
+    top: dict[str, Any] = {} if frame.region is None else {"region_m": frame.region.tolist()}
+    if frame.counts is not None:
+        entries = [entry | {"mask_path": f"masks/{entry['camera_id']}.png"} for entry in entries]
     with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
-        archive.writestr(_undated("transforms.json"), json.dumps({"frames": entries}))
+        archive.writestr(_undated("transforms.json"), json.dumps({"frames": entries, **top}))
         for entry, image in zip(entries, frame.images, strict=True):
             archive.writestr(_undated(str(entry["file_path"])), encode_png(image))
+        for entry, counts in zip(
+            entries, () if frame.counts is None else frame.counts, strict=frame.counts is not None
+        ):
+            archive.writestr(_undated(str(entry["mask_path"])), encode_png(np.uint8(255) * counts))
 
 
 def _undated(name: str) -> zipfile.ZipInfo:
@@ -42,8 +56,10 @@ def read_frame(path: Path) -> Frame:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            entries = json.loads(archive.read("transforms.json"))["frames"]
+            top = json.loads(archive.read("transforms.json"))
+            entries = top["frames"]
             pictures = [decode(archive.read(entry["file_path"]), entry["file_path"]) for entry in entries]
+            masks = [decode(archive.read(one["mask_path"]), one["mask_path"]) for one in entries if "mask_path" in one]
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise InvalidCapture(
             f"is no readable frame ({error}).", where=str(path), hint="Make the frame again."
@@ -54,24 +70,43 @@ def read_frame(path: Path) -> Frame:
         time=float(entries[0]["time_s"]),
         images=np.stack(pictures),
         rig=Rig(cameras=cameras),
+        counts=np.stack(masks)[..., 0] > 0 if masks else None,
+        region=np.array(top["region_m"]) if "region_m" in top else None,
     )
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """A picture (height, width, 3) uint8 as PNG bytes; light compression, because frames are many."""
+    """A picture (height, width, 3) or (height, width) uint8 as PNG bytes; light compression: frames are many."""
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, format="PNG", compress_level=1)
     return buffer.getvalue()
 
 
 def decode(content: bytes, where: str) -> np.ndarray:
-    """Decode a PNG or JPEG to (height, width, 3) uint8; a broken one raises `InvalidCapture`."""
+    """Decode a picture to (height, width, 3) uint8; what is transparent becomes white.
+
+    Raises
+    ------
+    InvalidCapture
+        When the picture is broken or claims more than `LARGEST_PICTURE` pixels.
+    """
     try:
-        with Image.open(io.BytesIO(content)) as image:
-            return np.asarray(image.convert("RGB"))
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(content)) as image:
+                if image.width * image.height > LARGEST_PICTURE:
+                    raise ValueError(f"it claims {image.width} x {image.height} pixels")
+                return _rgb(image)
+    except BROKEN as error:
         raise InvalidCapture(
-            f"cannot be decoded ({error}).",
-            where=where,
-            hint="Copy the picture again, or remove it from transforms.json.",
+            f"cannot be decoded ({error}).", where=where, hint="Copy the picture again, or take it out."
         ) from error
+
+
+def _rgb(image: Image.Image) -> np.ndarray:
+    if image.mode.startswith("I;16"):  # Pillow would cut it at 255
+        return np.asarray(np.repeat((np.asarray(image) >> 8).astype(np.uint8)[:, :, None], 3, axis=2))
+    if image.has_transparency_data:
+        clear = image.convert("RGBA")
+        image = Image.alpha_composite(Image.new("RGBA", clear.size, "white"), clear)
+    return np.asarray(image.convert("RGB"))

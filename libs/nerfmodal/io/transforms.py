@@ -14,6 +14,8 @@ from nerfmodal.types import Camera, DistortionModel
 
 MODELS: dict[str, DistortionModel] = {
     "OPENCV": "opencv",
+    "RADIAL": "opencv",
+    "SIMPLE_RADIAL": "opencv",
     "PINHOLE": "pinhole",
     "SIMPLE_PINHOLE": "pinhole",
     "OPENCV_FISHEYE": "fisheye",
@@ -57,25 +59,26 @@ def parse_camera(entry: Mapping[str, Any], top: Mapping[str, Any], where: str) -
     name = str(keys.get("camera_id", entry.get("file_path", "camera")))
     width, height = _size(keys, where)
     focal_x = _focal(keys, "x", width, where)
-    distortion = tuple(float(keys.get(key, 0.0)) for key in COEFFICIENTS)
-    default = "OPENCV" if any(distortion) else "PINHOLE"
+    distortion = tuple(_number(keys.get(key, 0.0), key, where) for key in COEFFICIENTS)
+    default = "OPENCV_FISHEYE" if keys.get("is_fisheye") else "OPENCV" if any(distortion) else "PINHOLE"
+    model = _model(str(keys.get("camera_model", default)), where)
     return Camera(
         name=name.rsplit("/", 1)[-1],
         width=width,
         height=height,
         focal_x=focal_x,
         focal_y=_focal(keys, "y", height, where) if "fl_y" in keys or "camera_angle_y" in keys else focal_x,
-        center_x=float(keys.get("cx", width / 2)),
-        center_y=float(keys.get("cy", height / 2)),
-        camera_to_world=_pose(keys, where),
-        model=_model(str(keys.get("camera_model", default)), where),
-        distortion=distortion,  # type: ignore[arg-type]
+        center_x=_number(keys.get("cx", width / 2), "cx", where),
+        center_y=_number(keys.get("cy", height / 2), "cy", where),
+        camera_to_world=rigid_pose(keys.get("transform_matrix"), where),
+        model=model,
+        distortion=(0.0,) * 6 if model == "pinhole" else distortion,  # type: ignore[arg-type]
     )
 
 
 def _size(keys: Mapping[str, Any], where: str) -> tuple[int, int]:
     try:
-        return int(keys["w"]), int(keys["h"])
+        return int(_number(keys["w"], "w", where)), int(_number(keys["h"], "h", where))
     except KeyError as error:
         raise InvalidCapture(
             f"has no picture size ({error.args[0]!r} is missing).", where=where, hint="Add 'w' and 'h' in pixels."
@@ -84,12 +87,12 @@ def _size(keys: Mapping[str, Any], where: str) -> tuple[int, int]:
 
 def _focal(keys: Mapping[str, Any], axis: str, size: int, where: str) -> float:
     if f"fl_{axis}" in keys:
-        focal = float(keys[f"fl_{axis}"])
+        focal = _number(keys[f"fl_{axis}"], f"fl_{axis}", where)
     elif f"camera_angle_{axis}" in keys:
-        focal = 0.5 * size / math.tan(0.5 * float(keys[f"camera_angle_{axis}"]))
+        focal = 0.5 * size / math.tan(0.5 * _number(keys[f"camera_angle_{axis}"], f"camera_angle_{axis}", where))
     else:
         raise InvalidCapture("has no focal length.", where=where, hint="Add 'fl_x' in pixels or 'camera_angle_x'.")
-    if not (math.isfinite(focal) and focal > 0):
+    if focal <= 0:
         raise InvalidCapture(f"has the focal length {focal}.", where=where, hint="It must be positive, in pixels.")
     return focal
 
@@ -102,14 +105,28 @@ def _model(name: str, where: str) -> DistortionModel:
     return MODELS[name]
 
 
-def _pose(keys: Mapping[str, Any], where: str) -> np.ndarray:
-    if "transform_matrix" not in keys:
+def _number(value: Any, key: str, where: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidCapture(f"has {key} = {value!r}.", where=where, hint="Give a finite number.")
+    return number
+
+
+def rigid_pose(value: Any, where: str) -> np.ndarray:
+    """A camera-to-world matrix (4, 4), m. Raises `InvalidCapture` when it is missing, not finite or not rigid."""
+    if value is None:
         raise InvalidCapture(
             "has no pose ('transform_matrix' is missing).",
             where=where,
-            hint="Solve the cameras first (COLMAP, or nerfstudio's ns-process-data).",
+            hint="Give every entry its pose, or no file of poses at all: then they are solved from the pictures.",
         )
-    pose = np.asarray(keys["transform_matrix"], dtype=float)
+    try:
+        pose = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        pose = np.empty(0)
     if pose.shape == (3, 4):
         pose = np.vstack([pose, [0, 0, 0, 1]])
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
