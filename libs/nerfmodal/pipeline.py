@@ -26,24 +26,32 @@ REGION_SHARE = 0.3
 """Half the side of a capture's default region, in mean distances from the cameras to what they look at."""
 
 
-def frame_times(spec: ScanSpec) -> tuple[float, ...]:
-    """Instants in seconds of the frames.
+def open_source(spec: ScanSpec, cache: Path | None = None, *, report: Report) -> capture.Capture | None:
+    """The capture of a scan, looked at once and passed on; None of a scan of another kind.
 
-    Of a capture only its transforms.json is read. Raises `InvalidCapture` or `InvalidClouds`.
+    What a capture does not say itself (poses, clocks …) is found out here, once, and kept in `cache`, by default in
+    the capture's folder. Raises `InvalidCapture`, `InvalidSpec` or `MissingExtra`.
     """
+    if not isinstance(spec.source, CaptureSource):
+        return None
+    return capture.open_capture(spec.source, cache, lambda what: report(Progress(done=0, total=1, message=what)))
+
+
+def frame_times(spec: ScanSpec, opened: capture.Capture | None = None) -> tuple[float, ...]:
+    """Instants in seconds of the frames. No picture is decoded. Raises `InvalidCapture` or `InvalidClouds`."""
     match spec.source:
         case SimulationSource():
             return tuple(float(time) for time in simulate.frame_times(spec.source))
         case CaptureSource():
-            return capture.open_capture(Path(spec.source.path)).times
+            return (opened or capture.open_capture(spec.source)).times
         case CloudsSource():
             return tuple(float(time) for time in open_clouds(spec).times)
         case _:
             assert_never(spec.source)
 
 
-def check_source(spec: ScanSpec) -> None:
-    """Refuse, before anything runs, a source that cannot be used.
+def check_source(spec: ScanSpec, opened: capture.Capture | None = None, *, report: Report = lambda _: None) -> None:
+    """Refuse, before anything runs, a source that cannot be used. Of a capture every picture is decoded.
 
     Raises `InvalidSpec`, `InvalidCapture` or `InvalidClouds`, naming the key or the file.
     """
@@ -51,7 +59,8 @@ def check_source(spec: ScanSpec) -> None:
         case SimulationSource():
             simulate.check_source(spec.source)
         case CaptureSource():
-            capture.check_pictures(capture.open_capture(Path(spec.source.path)))
+            one = opened or capture.open_capture(spec.source)
+            one.check(lambda done, total: report(Progress(done=done, total=total, message="looking at the pictures")))
         case CloudsSource():
             for _ in read_clouds(spec):
                 pass
@@ -59,13 +68,16 @@ def check_source(spec: ScanSpec) -> None:
             assert_never(spec.source)
 
 
-def make_frame(spec: ScanSpec, index: int, *, report: Report) -> Frame:
-    """Frame `index`: rendered (simulation) or read (capture). Of a capture all views are read, held-out ones too."""
+def make_frame(spec: ScanSpec, index: int, opened: capture.Capture | None = None, *, report: Report) -> Frame:
+    """Frame `index`: rendered (simulation) or read (capture). Of a capture all views are read, held-out ones too.
+
+    A capture that was `opened` is not opened again.
+    """
     match spec.source:
         case SimulationSource():
             return simulate.render_frame(spec.source, index, spec.seed, report=lambda d, n: report(_step(d, n)))
         case CaptureSource():
-            frame = capture.read_frame(capture.open_capture(Path(spec.source.path)), index, spec.source.downscale)
+            frame = (opened or capture.open_capture(spec.source)).read(index, spec.source.downscale)
             report(_step(1, 1))
             return frame
         case CloudsSource():
@@ -81,8 +93,12 @@ def fit_first(spec: ScanSpec, first: Frame, *, report: Report) -> Checkpoint:
 
 
 def fine_tune(spec: ScanSpec, parent: Checkpoint, first: Frame, frame: Frame, *, report: Report) -> Checkpoint:
-    """Train `frame` from the frame-0 checkpoint; independent of all other frames (frame 0 included)."""
-    (start, _), (now, _) = (capture.split_held_out(one, _held_out(spec)) for one in (first, frame))
+    """Train `frame` from the frame-0 checkpoint; independent of all other frames (frame 0 included).
+
+    Cameras that lost their picture, of this frame or of frame 0, say nothing.
+    """
+    start, now = (capture.split_held_out(one, _held_out(spec), first.rig)[0] for one in (first, frame))
+    parent, start, now = field.of_common_cameras(parent, start, now)
     return field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report))
 
 
@@ -131,10 +147,12 @@ def read_all(record: io.CloudSequence, *, report: Report) -> list[PointCloud]:
     return clouds
 
 
-def identify(spec: ScanSpec, clouds: Sequence[PointCloud | None], *, report: Report) -> ScanResult:
+def identify(
+    spec: ScanSpec, clouds: Sequence[PointCloud | None], opened: capture.Capture | None = None, *, report: Report
+) -> ScanResult:
     """Modes of every organ from the clouds; None is a frame that was lost. Never reads the truth."""
     started = _now()
-    times = np.array(frame_times(spec))
+    times = np.array(frame_times(spec, opened))
     rate = _frame_rate(spec, times)
     organs = identify_scan(
         _organs(spec),
@@ -183,14 +201,15 @@ def publish(
 
 def run(spec: ScanSpec, out: Path, *, report: Callable[[str, Progress], None]) -> ScanResult:
     """The whole scan in this process; writes the results under `out`."""
-    check_source(spec)
+    opened = open_source(spec, out, report=_named(report, "scan.inspect"))
+    check_source(spec, opened, report=_named(report, "scan.inspect"))
     first: Frame | None = None
     if isinstance(spec.source, CloudsSource):
         clouds: list[PointCloud] = list(read_clouds(spec))
     else:
-        first = make_frame(spec, 0, report=_named(report, "frame.render"))
-        clouds = list(reconstruct(spec, first, out, report=report))
-    result = identify(spec, clouds, report=_named(report, "scan.identify"))
+        first = make_frame(spec, 0, opened, report=_named(report, "frame.render"))
+        clouds = list(reconstruct(spec, first, out, opened, report=report))
+    result = identify(spec, clouds, opened, report=_named(report, "scan.identify"))
     publish(spec, result, first, clouds[0], out)
     if isinstance(spec.source, SimulationSource):
         write_truth(spec, out / "truth.npz")
@@ -198,12 +217,17 @@ def run(spec: ScanSpec, out: Path, *, report: Callable[[str, Progress], None]) -
 
 
 def reconstruct(
-    spec: ScanSpec, first: Frame, out: Path, *, report: Callable[[str, Progress], None]
+    spec: ScanSpec,
+    first: Frame,
+    out: Path,
+    opened: capture.Capture | None = None,
+    *,
+    report: Callable[[str, Progress], None],
 ) -> Iterator[PointCloud]:
     """The clouds of all frames, one after the other, each also written under `out/clouds`."""
     parent = fit_first(spec, first, report=_named(report, "frame.train"))
-    for index in range(len(frame_times(spec))):
-        frame = first if index == 0 else make_frame(spec, index, report=_named(report, "frame.render"))
+    for index in range(len(frame_times(spec, opened))):
+        frame = first if index == 0 else make_frame(spec, index, opened, report=_named(report, "frame.render"))
         tuned = fine_tune(spec, parent, first, frame, report=_named(report, "frame.train"))
         points = extract(spec, tuned, frame, report=_named(report, "frame.extract"))
         path = out / "clouds" / f"frame_{index:04d}.ply"
@@ -256,6 +280,8 @@ def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:
         box = simulate.default_region(spec.source)
     if box is not None:
         low, high = np.array(box.min_m, dtype=float), np.array(box.max_m, dtype=float)
+    elif frame.region is not None:
+        low, high = frame.region
     else:
         center, distance = focus_of(frame.rig)
         low, high = center - REGION_SHARE * distance, center + REGION_SHARE * distance
