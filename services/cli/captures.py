@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from nerfmodal import io, pipeline
+from nerfmodal.capture import Capture
 from nerfmodal.errors import InvalidSpec
 from nerfmodal.io.frames import encode_png
 from nerfmodal.io.transforms import camera_entry
@@ -51,15 +52,20 @@ def write_capture(spec: ScanSpec, folder: Path, *, report: StageReport) -> int:
 
 def reconstruct_capture(spec: ScanSpec, folder: Path, *, report: StageReport) -> list[Entry]:
     """Every frame of a capture as a cloud under `folder`, with clouds.json and metrics.json; returns the metrics."""
-    pipeline.check_source(spec)
-    times = pipeline.frame_times(spec)
+    opened = pipeline.open_source(spec, folder, report=lambda now: report(now.message or "open", now))
+    pipeline.check_source(spec, opened, report=lambda now: report("check pictures", now))
+    times = pipeline.frame_times(spec, opened)
     folder.mkdir(parents=True, exist_ok=True)
-    first = pipeline.make_frame(spec, 0, report=_nothing)
+    if opened is not None:
+        _write_json(folder / "capture.json", capture_summary(opened))
+    first = pipeline.make_frame(spec, 0, opened, report=_nothing)
     shared = pipeline.fit_first(spec, first, report=lambda now: report("train first", now))
     metrics: list[Entry] = []
     for index in range(len(times)):
         began = time.monotonic()
-        checkpoint, cloud = _reconstruct_frame(spec, index, first, shared)
+        frame = first if index == 0 else pipeline.make_frame(spec, index, opened, report=_nothing)
+        checkpoint = pipeline.fine_tune(spec, shared, first, frame, report=_nothing)
+        cloud = pipeline.extract(spec, checkpoint, frame, report=_nothing)
         io.write_cloud(folder / f"frame_{index:04d}.ply", cloud)
         metrics.append(frame_metrics(index, checkpoint, cloud, time.monotonic() - began))
         report("reconstruct", Progress(done=index + 1, total=len(times)))
@@ -73,6 +79,21 @@ def clouds_header(times: tuple[float, ...]) -> Entry:
     span = times[-1] - times[0]
     rate = (len(times) - 1) / span if span > 0 else 1.0
     return {"frame_rate_hz": rate, "times_s": list(times), "unit": "m"}
+
+
+def capture_summary(opened: Capture) -> Entry:
+    """`capture.json`: what was found of a capture, and what it lacks."""
+    return {
+        "cameras": [camera_entry(camera) for camera in opened.rig.cameras],
+        "frames": len(opened),
+        "missing": [{"camera": name, "frame": index} for name, index in opened.missing],
+        "absent": list(opened.absent),
+        "clocks": [
+            {"camera": one.camera, "offset_s": one.offset, "residual_s": one.residual, "found_by": one.found_by}
+            for one in opened.clocks
+        ],
+        "region_m": None if opened.region is None else opened.region.tolist(),
+    }
 
 
 def frame_metrics(index: int, checkpoint: Checkpoint, cloud: PointCloud, seconds: float) -> Entry:
@@ -97,12 +118,6 @@ def truth_summary(mode: TrueMode) -> Entry:
         "damping_ratio": mode.damping_ratio,
         "amplitude_m": float(abs(mode.coordinates).max()),
     }
-
-
-def _reconstruct_frame(spec: ScanSpec, index: int, first: Frame, shared: Checkpoint) -> tuple[Checkpoint, PointCloud]:
-    frame = first if index == 0 else pipeline.make_frame(spec, index, report=_nothing)
-    tuned = pipeline.fine_tune(spec, shared, first, frame, report=_nothing)
-    return tuned, pipeline.extract(spec, tuned, frame, report=_nothing)
 
 
 def _write_frame(frame: Frame, folder: Path) -> list[Entry]:

@@ -135,7 +135,7 @@ def _gap(by_name: Mapping[str, Camera], views: Mapping[str, np.ndarray]) -> floa
             camera = by_name[name]
             ray = unproject(camera, corners[k][None])[0]
             away = place - camera.camera_to_world[:3, 3]
-            total += float(np.linalg.norm(away - ray * (away @ ray)) / max(np.linalg.norm(away), 1e-12))
+            total += float(np.linalg.norm(away - ray * (away @ ray))) / max(float(np.linalg.norm(away)), 1e-12)
     return total
 
 

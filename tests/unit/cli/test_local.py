@@ -54,9 +54,10 @@ def fake_stages(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         asked.append(f"tune {now.index}")
         return checkpoint(now.index, 0)
 
-    monkeypatch.setattr(pipeline, "check_source", lambda _: None)
-    monkeypatch.setattr(pipeline, "frame_times", lambda _: (0.0, 1 / 30, 2 / 30))
-    monkeypatch.setattr(pipeline, "make_frame", lambda _, index, *, report: frame(index))  # noqa: ARG005
+    monkeypatch.setattr(pipeline, "open_source", lambda *_, report: None)  # noqa: ARG005
+    monkeypatch.setattr(pipeline, "check_source", lambda *_, report=None: None)  # noqa: ARG005
+    monkeypatch.setattr(pipeline, "frame_times", lambda *_: (0.0, 1 / 30, 2 / 30))
+    monkeypatch.setattr(pipeline, "make_frame", lambda _, index, *__, report: frame(index))  # noqa: ARG005
     monkeypatch.setattr(pipeline, "write_truth", truth)
     monkeypatch.setattr(pipeline, "fit_first", first)
     monkeypatch.setattr(pipeline, "fine_tune", tune)
