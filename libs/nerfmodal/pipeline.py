@@ -12,6 +12,7 @@ import numpy as np
 
 from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface
 from nerfmodal.errors import InvalidClouds, InvalidSpec
+from nerfmodal.export.modes import write_json
 from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
@@ -197,6 +198,13 @@ def publish(
     """
     pictures = figures.draw(result, frame, cloud, out / "figures")
     return export.publish(spec, result, frame, cloud, out, pictures=pictures)
+
+
+def publish_so_far(spec: ScanSpec, result: ScanResult, frames: int, out: Path) -> Path:
+    """Write the `modes.json` of the first `frames` frames, whose key `partial` says that it is not the result."""
+    document = export.modes_document(result, spec)
+    document["partial"] = {"frames": frames, "of": len(result.times)}
+    return write_json(document, out / "modes.json")
 
 
 def run(spec: ScanSpec, out: Path, *, report: Callable[[str, Progress], None]) -> ScanResult:
