@@ -14,7 +14,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-EXTRAS := vision,simulate,postgres,dev
+EXTRAS := vision,simulate,capture,postgres,dev
 
 .PHONY: demo test check bench docs nerfstudio clean install
 .DEFAULT_GOAL := help

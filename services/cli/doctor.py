@@ -52,6 +52,8 @@ PARTS = (
     Part(module="torch", package="torch", extra="vision", purpose="the MLP field"),
     Part(module="open3d", package="open3d-cpu", extra="vision", purpose="the preview renderer"),
     Part(module="bpy", package="bpy", extra="simulate", purpose="Blender's renders"),
+    Part(module="pycolmap", package="pycolmap", extra="capture", purpose="poses of captures that have none"),
+    Part(module="cv2", package="opencv-python-headless", extra="capture", purpose="checkerboards in captures"),
     Part(module="psycopg", package="psycopg", extra="postgres", purpose="PostgreSQL as database"),
 )
 
