@@ -102,11 +102,12 @@ def plant_next_chunk(session: Session, scan_id: str) -> bool:
     return True
 
 
-def unplanted_scans(session: Session) -> tuple[str, ...]:
-    """Scans whose plan is not whole yet."""
+def unplanted_scans(session: Session, most: int = 100) -> tuple[str, ...]:
+    """Scans whose plan is not whole yet: those without any step first, the small before the large."""
     states = [state.value for state in OPEN_SCAN_STATES]
     query = select(Scan.id).where(Scan.unplanted_from.is_not(None), Scan.state.in_(states))
-    return tuple(session.scalars(query.order_by(Scan.id)))
+    turn = (Scan.priority.desc(), Scan.unplanted_from, Scan.frames, Scan.id)
+    return tuple(session.scalars(query.order_by(*turn).limit(most)))
 
 
 def _plant_chunk(session: Session, scan: Scan, spec: ScanSpec, frames: int, start: int) -> None:

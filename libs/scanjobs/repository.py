@@ -14,6 +14,7 @@ import uuid6
 from nerfmodal.spec import ScanSpec, SimulationSource
 from sqlalchemy import Select, func, insert, or_, select
 from sqlalchemy.orm import Session, selectinload
+from sqlalchemy.orm.attributes import set_committed_value
 
 from scanjobs.clock import now_s
 from scanjobs.errors import IdempotencyConflict, InvalidCursor, NotFound
@@ -94,11 +95,13 @@ def insert_scan(
     idempotency: Idempotency | None = None,
     fork_of: Scan | None = None,
     deadline_s: float | None = None,
+    plan_later: bool = False,
 ) -> Submission:
     """Store a scan with its plan, all or nothing.
 
     `fork_of` lets it reuse the steps of that scan that have the same inputs. `deadline_s` counts from now and goes
-    before the specification's.
+    before the specification's. With `plan_later` the rows of the steps are left to the next tick of any worker: the
+    plan follows from the specification, so what is promised by the commit is the same, at a twentieth of its price.
 
     Raises
     ------
@@ -108,8 +111,13 @@ def insert_scan(
     before = _earlier_submission(session, owner, idempotency) if idempotency else None
     if before is not None:
         return Submission(before, created=False)
-    scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s)
+    postponed = plan_later and fork_of is None and isinstance(spec.source, SimulationSource)
+    scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s, postponed)
     born_scan(session, scan)
+    if postponed:
+        if idempotency is not None:
+            _remember(session, owner, idempotency, scan)
+        return Submission(scan, created=True)
     if scan.frames is None:
         plant(session, scan, first_steps(spec))
         take_over_ready(session, scan)
@@ -174,6 +182,11 @@ def summaries_of(session: Session, scans: Sequence[Scan]) -> dict[str, tuple[Kin
     return {scan.id: _summarise(counts[scan.id], _unplanted(scan)) for scan in scans}
 
 
+def summaries_of_plan(scan: Scan) -> tuple[KindSummary, ...]:
+    """`step_summaries` of a scan that has no step yet."""
+    return _summarise({}, _unplanted(scan))
+
+
 def list_steps(session: Session, scan: Scan, *, generation: int | None = None) -> tuple[Step, ...]:
     """The steps of a generation (the present one by default), in the order they may run."""
     chosen = scan.generation if generation is None else generation
@@ -222,7 +235,9 @@ def _insert_scan_row(
     priority: int,
     fork_of: Scan | None,
     deadline_s: float | None,
+    postponed: bool,
 ) -> Scan:
+    """The row as the session holds it; of a postponed plan only what was written, which saves looking at it again."""
     scan_id = new_id()
     limit = spec.deadline_s if deadline_s is None else deadline_s
     values = {
@@ -238,14 +253,22 @@ def _insert_scan_row(
         "priority": priority,
         "max_failed_frames": spec.max_failed_frames,
         "frames": spec.source.frames if isinstance(spec.source, SimulationSource) else None,
-        "deadline_at": None if limit is None else now_s() + limit,
-        "created_at": now_s(),
+        "unplanted_from": 0 if postponed else None,
+        "generation": 0,
+        "version": 0,
+        "cancel_seq": 0,
     }
-    session.execute(insert(Scan).values(values))
-    tags = [{"scan_id": scan_id, "tag": tag} for tag in dict.fromkeys(spec.tags)]
+    times = {"deadline_at": None if limit is None else now_s() + limit, "created_at": now_s()}
+    inserted = insert(table_of(Scan)).values(values | times).returning(Scan.deadline_at, Scan.created_at)
+    deadline_at, created_at = session.execute(inserted).one()
+    tags = [{"scan_id": scan_id, "tag": tag} for tag in sorted(set(spec.tags))]
     if tags:
         session.execute(insert(table_of(ScanTag)), tags)
-    return get_scan(session, scan_id, owner=owner)
+    if not postponed:
+        return get_scan(session, scan_id, owner=owner)
+    scan = Scan(**values, deadline_at=deadline_at, created_at=created_at)
+    set_committed_value(scan, "tags", [ScanTag(**row) for row in tags])
+    return scan
 
 
 def _earlier_submission(session: Session, owner: str, idempotency: Idempotency) -> Scan | None:
@@ -297,7 +320,9 @@ def _unplanted(scan: Scan) -> dict[str, int]:
     if scan.unplanted_from is None or scan.frames is None:
         return {}
     make = RENDER if scan.source_kind == "simulation" else READ
-    return {**dict.fromkeys((make, TRAIN, EXTRACT), scan.frames - scan.unplanted_from), IDENTIFY: 1}
+    left = scan.frames - scan.unplanted_from
+    first = 1 if scan.unplanted_from == 0 else 0
+    return {make: left, TRAIN: first + left, EXTRACT: left, IDENTIFY: 1}
 
 
 def _summarise(kinds: dict[str, dict[str, tuple[int, float]]], unplanted: Mapping[str, int]) -> tuple[KindSummary, ...]:

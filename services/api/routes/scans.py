@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Response
 from nerfmodal.spec import ScanSpec
+from scanjobs.captures import locate_source
 from scanjobs.control import cancel_scan, retry_scan
 from scanjobs.repository import (
     HIGHEST_LIMIT,
@@ -18,8 +19,8 @@ from scanjobs.repository import (
     list_steps,
     step_summaries,
     summaries_of,
+    summaries_of_plan,
 )
-from scanjobs.sources import confine_source
 from scanjobs.store import Store
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -54,10 +55,13 @@ def submit(spec: ScanSpec, parts: TheParts, owner: Submitter, response: Response
     """Start a scan. The answer names it at once; follow it at `Location`."""
     refuse_unstorable(spec)
     idempotency = Idempotency(key, spec.digest()) if key else None
-    confined = confine_source(parts.settings, spec)
+    with parts.store.read() as session:
+        confined = locate_source(session, parts.settings, spec, owner=owner)
     submission = _store(parts.store, confined, owner, idempotency)
     response.headers["Location"] = f"/v1/scans/{submission.scan.id}"
     response.headers["Retry-After"] = LOOK_AGAIN_S
+    if submission.created and submission.scan.unplanted_from == 0:
+        return ScanDetail.of(submission.scan, summaries_of_plan(submission.scan))
     return _look(parts.store, submission.scan.id, owner)
 
 
@@ -145,7 +149,7 @@ def _store(store: Store, spec: ScanSpec, owner: str, idempotency: Idempotency | 
     """Commit the scan. Where another request has just used the key, the second try finds that scan."""
 
     def work(session: Session) -> Submission:
-        return insert_scan(session, spec, owner=owner, idempotency=idempotency)
+        return insert_scan(session, spec, owner=owner, idempotency=idempotency, plan_later=True)
 
     try:
         return store.write(work)

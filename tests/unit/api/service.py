@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
 from scanjobs.artifacts import ArtifactStore
+from scanjobs.fanin import plant_next_chunk, unplanted_scans
 from scanjobs.messages import IDENTIFY
 from scanjobs.owners import issue_key
 from scanjobs.repository import LOCAL_OWNER, get_scan, list_steps
@@ -47,7 +49,16 @@ class Service:
         answer = self.http.post("/v1/scans", json=spec or simulation(), headers=headers)
         assert answer.status_code == 202, answer.text
         body: Json = answer.json()
+        self.plant()
         return body
+
+    def plant(self) -> None:
+        """Write the plans down, as the next tick of a worker would."""
+        with self.store.read() as session:
+            waiting = unplanted_scans(session)
+        for scan_id in waiting:
+            while self.store.write(partial(plant_next_chunk, scan_id=scan_id)):
+                continue
 
     def app(self) -> FastAPI:
         """The app itself."""
@@ -74,6 +85,7 @@ class Service:
 
     def give(self, scan: str, files: Mapping[str, bytes], *, kind: str = IDENTIFY, frame: int = -1) -> None:
         """Let a step have made these files (role → bytes)."""
+        self.plant()
         with self.store.read() as session:
             steps = list_steps(session, get_scan(session, scan, owner=LOCAL_OWNER))
         [step] = [step for step in steps if (step.kind, step.frame) == (kind, frame)]
