@@ -4,8 +4,10 @@ from nerfmodal.figures.album import draw
 from nerfmodal.figures.cameras import camera_views
 from nerfmodal.figures.clouds import cloud
 from nerfmodal.figures.eigenvalues import eigenvalues
+from nerfmodal.figures.films import film, write_film
 from nerfmodal.figures.shapes import magnified_frames, mode_shapes
 from nerfmodal.figures.signals import modal_coordinates, principal_components
+from nerfmodal.figures.stabilisation import stabilisation
 from nerfmodal.figures.style import save
 
 __all__ = [
@@ -13,9 +15,12 @@ __all__ = [
     "cloud",
     "draw",
     "eigenvalues",
+    "film",
     "magnified_frames",
     "modal_coordinates",
     "mode_shapes",
     "principal_components",
     "save",
+    "stabilisation",
+    "write_film",
 ]

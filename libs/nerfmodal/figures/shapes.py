@@ -2,44 +2,50 @@
 
 Displacement of a sensor = sum over axes of shape value times direction; shapes have a largest component of 1. A leaf is
 drawn as a surface over its outline at rest, a branch as a tube over its centreline. Colour is the displacement along
-the mode's main direction, from -1 to 1.
+the mode's main direction, from -1 to 1. A bar says how long a metre is, arrows where x, y and z point.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import Axes3D
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from nerfmodal.figures.space import Panels, frame_points, look_across, space_panels
-from nerfmodal.figures.style import LABEL, SIGNED_MAP, TICK, TITLE, measured, new_figure, say
-from nerfmodal.geometry.skins import outline, skin_of
-from nerfmodal.types import OrganResult
+from nerfmodal.figures.style import FULL_WIDTH, LABEL, SIGNED_MAP, TICK, TITLE, measured, new_figure, say
+from nerfmodal.figures.view import View, far_to_near, light, nice_length, view_across
+from nerfmodal.geometry.skins import Skin, outline, skin_of
+from nerfmodal.types import OrganResult, Verdict
 
 MOST_SENSORS = 900
 MOST_COLUMNS = 3
-PANEL, SMALL_PANEL = (2.2, 2.15), (1.3, 1.2)
-"""Inches."""
 SWING = 0.16
 """Largest drawn displacement, as a share of the organ's length."""
-FLAT = 0.7
-"""An organ lower than this share of its largest side is flat."""
+HIGHEST, LOWEST = 2.6, 0.55
+"""Inches of a panel's height."""
+BAR_WIDTH = 0.75
+"""Inches that the colour bar takes."""
 PHASES = (0.0, 0.125, 0.25, 0.375, 0.5)
 """Of a period, from the largest swing one way to the other (Figure 9)."""
 RANGE = Normalize(-1, 1)
+ARROW, ROOM = 0.14, 0.42
+"""Length of the arrows and height of their corner, as shares of the panel's shorter side."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnMode:
-    """One mode as it is drawn: rest positions, world displacement of a unit coordinate, and its signed size."""
+    """One mode as it is drawn: vertices at rest, world displacement of a unit coordinate, and its signed size.
 
-    rest: Float[np.ndarray, "sensors 3"]
-    motion: Float[np.ndarray, "sensors 3"]
-    signed: Float[np.ndarray, " sensors"]
+    `rest_lines` show the rest position: a sheet's outline, a rod's centreline.
+    """
+
+    rest: Float[np.ndarray, "vertices 3"]
+    rest_lines: Float[np.ndarray, "lines 2 3"]
+    motion: Float[np.ndarray, "vertices 3"]
+    signed: Float[np.ndarray, " vertices"]
     direction: Float[np.ndarray, " 3"]
     triangles: Int[np.ndarray, "triangles 3"]
     magnification: float
@@ -51,13 +57,11 @@ def mode_shapes(organ: OrganResult) -> Figure:
     if not count:
         return say(new_figure(2.0), organ.model.outcome.value)
     modes = [drawn_mode(organ, k) for k in range(count)]
-    panels = space_panels(count, min(MOST_COLUMNS, count), PANEL, title=f"{organ.organ}: mode shapes, magnified")
-    for k, (axes, mode) in enumerate(zip(panels.axes, modes, strict=True)):
-        axes.set_title(_measured(organ, k), fontsize=TITLE, y=1.0)
+    figure, panels = _panels(modes, count, min(MOST_COLUMNS, max(count, 2)), f"{organ.organ}: mode shapes, magnified")
+    for k, (axes, mode) in enumerate(zip(panels, modes, strict=True)):
+        axes.set_title(_measured(organ, k), fontsize=LABEL)
         _draw(axes, mode, 1.0)
-        frame_points(axes, reach_of(modes), zoom=0.85)
-    _color_bar(panels)
-    return panels.figure
+    return figure
 
 
 def magnified_frames(organ: OrganResult) -> Figure:
@@ -67,15 +71,66 @@ def magnified_frames(organ: OrganResult) -> Figure:
         return say(new_figure(2.0), organ.model.outcome.value)
     modes = [drawn_mode(organ, k) for k in range(count)]
     title = f"{organ.organ}: each mode alone, magnified, from its largest swing through half a period"
-    panels = space_panels(count * len(PHASES), len(PHASES), SMALL_PANEL, title=title)
+    figure, panels = _panels(modes, count * len(PHASES), len(PHASES), title)
     moments = [(k, phase) for k in range(count) for phase in PHASES]
-    for axes, (k, phase) in zip(panels.axes, moments, strict=True):
-        axes.set_title(_moment(organ, k, phase), fontsize=LABEL, y=0.98)
+    for axes, (k, phase) in zip(panels, moments, strict=True):
+        axes.set_title(_moment(organ, k, phase), fontsize=TICK)
         _draw(axes, modes[k], float(np.cos(2 * np.pi * phase)))
-        frame_points(axes, reach_of(modes), zoom=_closeness(modes))
+    return figure
+
+
+def _panels(modes: list[DrawnMode], count: int, columns: int, title: str) -> tuple[Figure, list[Axes]]:
+    """`count` panels, as many for each mode, with one scale; a mode's first says the scale and the directions."""
+    low, high = _limits(modes)
+    across, up = high - low
+    width = (FULL_WIDTH - BAR_WIDTH) / columns
+    height = float(np.clip(width * up / across, LOWEST, HIGHEST))
+    rows = -(-count // columns)
+    figure = new_figure(rows * (height + 0.3) + 0.5)
+    figure.suptitle(title, fontsize=TITLE + 0.5, x=0.01, ha="left")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for axes in grid:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", anchor="C")
         axes.set_axis_off()
-    _color_bar(panels)
-    return panels.figure
+    for axes, mode in zip(grid[:: count // len(modes)], modes, strict=False):
+        _landmarks(axes, view_of(mode), low, high)
+    bar = figure.colorbar(ScalarMappable(RANGE, SIGNED_MAP), ax=grid, ticks=[-1, 0, 1], shrink=0.6, aspect=18)
+    bar.set_label("displacement / largest", fontsize=TICK)
+    bar.ax.tick_params(labelsize=TICK)
+    return figure, grid[:count]
+
+
+def _limits(modes: list[DrawnMode]) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """The corners, metres to the right and up, around everything that is drawn and a corner for the landmarks."""
+    seen = np.concatenate([view_of(mode).project(reach_of([mode]))[:, :2] for mode in modes])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    span = np.maximum(high - low, 0.25 * (high - low).max() + 1e-9)
+    middle = (low + high) / 2
+    low, high = middle - 0.54 * span, middle + 0.54 * span
+    low[1] -= ROOM * (high - low).min()
+    return low, high
+
+
+def _landmarks(axes: Axes, view: View, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> None:
+    """Below what is drawn: arrows along x, y, z at the left, a length at the right."""
+    across, up = high - low
+    arrow = ARROW * min(across, up)
+    foot = low + np.array([1.3 * arrow, 1.0 * arrow])
+    for name, tip in zip("xyz", arrow * view.project(np.eye(3))[:, :2], strict=True):
+        axes.plot(*zip(foot, foot + tip, strict=True), color="#444444", linewidth=0.8)
+        x, y = foot + 1.45 * tip
+        axes.text(x, y, name, fontsize=TICK - 1, ha="center", va="center")
+    length = nice_length(0.4 * across)
+    right = high[0] - 0.04 * across
+    axes.plot((right - length, right), (foot[1], foot[1]), color="#222222", linewidth=1.6, solid_capstyle="butt")
+    axes.text(
+        right - length / 2, foot[1] + 0.25 * arrow, f"{length:g} m", fontsize=TICK - 0.5, ha="center", va="bottom"
+    )
+
+
+def view_of(mode: DrawnMode) -> View:
+    """The view across a mode's motion."""
+    return view_across(mode.rest, mode.direction)
 
 
 def drawn_mode(organ: OrganResult, k: int) -> DrawnMode:
@@ -88,12 +143,20 @@ def drawn_mode(organ: OrganResult, k: int) -> DrawnMode:
     moved = motion[skin.sensor]
     return DrawnMode(
         rest=skin.vertices,
+        rest_lines=_rest_lines(organ, skin),
         motion=moved,
         signed=moved @ direction,
         direction=direction,
         triangles=skin.triangles,
         magnification=SWING * length / max(float(np.linalg.norm(motion, axis=1).max()), 1e-12),
     )
+
+
+def _rest_lines(organ: OrganResult, skin: Skin) -> Float[np.ndarray, "lines 2 3"]:
+    if organ.surface != "cylinder":
+        return skin.vertices[outline(skin.triangles)]
+    sensors = organ.displacement.sensors.positions[list(dict.fromkeys(skin.sensor.tolist()))]
+    return np.stack([sensors[:-1], sensors[1:]], axis=1)
 
 
 def _main_direction(motion: Float[np.ndarray, "sensors 3"]) -> Float[np.ndarray, " 3"]:
@@ -108,14 +171,10 @@ def reach_of(modes: list[DrawnMode]) -> Float[np.ndarray, "points 3"]:
     return np.concatenate([mode.rest + sign * mode.magnification * mode.motion for mode in modes for sign in (-1, 1)])
 
 
-def _closeness(modes: list[DrawnMode]) -> float:
-    """A flat organ leaves its panel half empty: go nearer."""
-    span = np.ptp(reach_of(modes), axis=0)
-    return 1.0 if span[2] > FLAT * span.max() else 1.2
-
-
 def _measured(organ: OrganResult, k: int) -> str:
-    return f"{measured(float(organ.model.frequencies[k]), float(organ.model.frequency_stds[k]))} Hz"
+    words = f"{measured(float(organ.model.frequencies[k]), float(organ.model.frequency_stds[k]))} Hz"
+    verdict = organ.model.quality[k].verdict
+    return words if verdict is Verdict.ACCEPTED else f"{words} [{verdict.value}]"
 
 
 def _moment(organ: OrganResult, k: int, phase: float) -> str:
@@ -123,31 +182,21 @@ def _moment(organ: OrganResult, k: int, phase: float) -> str:
     return f"{frequency:.4g} Hz: 0 ms" if phase == 0 else f"{1e3 * phase / frequency:.0f} ms"
 
 
-def _draw(axes: Axes3D, mode: DrawnMode, coordinate: float) -> None:
-    moved = mode.rest + coordinate * mode.magnification * mode.motion
-    if len(mode.triangles):
-        _sheet(axes, moved, coordinate * mode.signed, mode.triangles)
-        axes.add_collection3d(Line3DCollection(mode.rest[outline(mode.triangles)], colors="#555555", linewidths=0.7))
-    else:
-        axes.scatter(*mode.rest.T, s=1.0, c="#bdbdbd", linewidths=0, depthshade=False)
-        axes.scatter(
-            *moved.T, c=coordinate * mode.signed, cmap=SIGNED_MAP, norm=RANGE, s=5, linewidths=0, depthshade=False
-        )
-    look_across(axes, mode.rest, mode.direction)
-
-
-def _sheet(
-    axes: Axes3D,
-    moved: Float[np.ndarray, "sensors 3"],
-    signed: Float[np.ndarray, " sensors"],
-    triangles: Int[np.ndarray, "triangles 3"],
-) -> None:
-    colors = ScalarMappable(RANGE, SIGNED_MAP).to_rgba(signed[triangles].mean(axis=1))
-    faces = Poly3DCollection(moved[triangles], linewidths=0.3, facecolors=colors, edgecolors=colors)
-    axes.add_collection3d(faces)
-
-
-def _color_bar(panels: Panels) -> None:
-    bar = panels.figure.colorbar(ScalarMappable(RANGE, SIGNED_MAP), cax=panels.bar, ticks=[-1, -0.5, 0, 0.5, 1])
-    bar.set_label("displacement / largest", fontsize=LABEL - 1.5)
-    bar.ax.tick_params(labelsize=TICK)
+def _draw(axes: Axes, mode: DrawnMode, coordinate: float) -> None:
+    view = view_of(mode)
+    places = view.project(mode.rest + coordinate * mode.magnification * mode.motion)
+    signed = coordinate * mode.signed
+    axes.add_collection(
+        LineCollection(list(view.project(mode.rest_lines)[:, :, :2]), colors="#8a8a8a", linewidths=0.7, zorder=3)
+    )
+    if not len(mode.triangles):
+        axes.scatter(places[:, 0], places[:, 1], c=signed, cmap=SIGNED_MAP, norm=RANGE, s=4, linewidths=0)
+        return
+    corners = places[mode.triangles]
+    order = far_to_near(corners)
+    colors = ScalarMappable(RANGE, SIGNED_MAP).to_rgba(signed[mode.triangles].mean(axis=1))
+    colors[:, :3] *= light(corners, mode.triangles)[:, None]
+    faces = PolyCollection(
+        list(corners[order, :, :2]), facecolors=colors[order], edgecolors=colors[order], linewidths=0.3, zorder=2
+    )
+    axes.add_collection(faces)

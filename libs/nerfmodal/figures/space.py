@@ -1,4 +1,4 @@
-"""Axes in three dimensions: equal scales in metres, and a view that shows an organ's motion."""
+"""Axes in three dimensions: equal scales in metres."""
 
 from dataclasses import dataclass
 
@@ -71,12 +71,3 @@ def frame_points(axes: Axes3D, points: Float[np.ndarray, "points 3"], *, zoom: f
         getattr(axes, f"set_{name}label")(f"{name} (m)", fontsize=LABEL - 1, labelpad=-6)
         axes.locator_params(axis=name, nbins=int(np.clip(4 * extent / span.max(), 1, 4)))
     axes.set_box_aspect(span, zoom=zoom)
-
-
-def look_across(axes: Axes3D, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"]) -> None:
-    """Look at right angles to the organ's length and to its motion, from a little above."""
-    length = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
-    sideways = np.cross(length, direction)
-    if np.linalg.norm(sideways) < 1e-6:
-        sideways = np.array([1.0, -1.0, 0.0])
-    axes.view_init(elev=28, azim=float(np.degrees(np.arctan2(sideways[1], sideways[0]))) + 28)
