@@ -74,6 +74,7 @@ def _open(source: CaptureSource, where: Path, *, dnerf: bool) -> Capture:
 
 def _sorted_out(found: list[_Entry], absent: tuple[str, ...], where: Path) -> Capture:
     """Entries become a table of instants by cameras."""
+    _refuse_twins(found)
     rig = _still_rig(found)
     column = {camera.name: k for k, camera in enumerate(rig.cameras)}
     order = {index: k for k, index in enumerate(sorted({one.index for one in found}))}
@@ -81,12 +82,6 @@ def _sorted_out(found: list[_Entry], absent: tuple[str, ...], where: Path) -> Ca
     times = [0.0] * len(order)
     for one in found:
         row = order[one.index]
-        if table[row][column[one.camera.name]] is not None:
-            raise InvalidCapture(
-                f"the camera {one.camera.name!r} took two pictures of frame {one.index}.",
-                where=one.place,
-                hint="Give each entry its own camera_id or frame_index.",
-            )
         table[row][column[one.camera.name]] = one.picture
         times[row] = one.time
     if len(times) > 1 and min(np.diff(times)) <= 0:
@@ -102,6 +97,18 @@ def _sorted_out(found: list[_Entry], absent: tuple[str, ...], where: Path) -> Ca
         pictures=tuple(tuple(row) for row in table),
         absent=absent,
     )
+
+
+def _refuse_twins(found: list[_Entry]) -> None:
+    taken: set[tuple[str, int]] = set()
+    for one in found:
+        if (one.camera.name, one.index) in taken:
+            raise InvalidCapture(
+                f"the camera {one.camera.name!r} took two pictures of frame {one.index}.",
+                where=one.place,
+                hint="Give each entry its own camera_id or frame_index.",
+            )
+        taken.add((one.camera.name, one.index))
 
 
 def _still_rig(found: list[_Entry]) -> Rig:

@@ -10,11 +10,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from nerfmodal.capture.pictures import VideoPicture
-from nerfmodal.errors import InvalidCapture, MissingExtra
+from nerfmodal.errors import InvalidCapture
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 LOOK_AHEAD = 32
@@ -90,7 +91,6 @@ def read_sound(path: Path, rate: int) -> tuple[float, Float[np.ndarray, " sample
     InvalidCapture
         When it cannot be decoded.
     """
-    av = _import_av()
     blocks: list[np.ndarray] = []
     start = 0.0
     try:
@@ -98,7 +98,7 @@ def read_sound(path: Path, rate: int) -> tuple[float, Float[np.ndarray, " sample
             resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
             for frame in container.decode(audio=0):
                 if not blocks:
-                    start = float(frame.pts * frame.time_base) if frame.pts is not None else 0.0
+                    start = float(frame.pts * (frame.time_base or 0)) if frame.pts is not None else 0.0
                 blocks += [one.to_ndarray()[0] for one in resampler.resample(frame)]
     except (av.FFmpegError, IndexError, ValueError) as error:
         raise InvalidCapture(
@@ -132,15 +132,14 @@ class _Film:
     """One open video that remembers which picture comes next."""
 
     def __init__(self, path: Path) -> None:
-        self._av = _import_av()
         self.path = path
         try:
-            self._container = self._av.open(str(path))
+            self._container = av.open(str(path))
             self._stream = self._container.streams.video[0]
-        except (self._av.FFmpegError, IndexError, OSError, ValueError) as error:
+        except (av.FFmpegError, IndexError, OSError, ValueError) as error:
             raise self._undecodable(error) from error
         self._stream.thread_type = "AUTO"
-        self.time_base = Fraction(self._stream.time_base)
+        self.time_base = Fraction(self._stream.time_base or 1)
         self.has_sound = bool(self._container.streams.audio)
         self._frames = self._container.decode(self._stream)
         self._last: int | None = None
@@ -202,7 +201,7 @@ class _Film:
             frame = next(self._frames, None)
             while frame is not None and frame.pts in (None, self._last):
                 frame = next(self._frames, None)
-        except (self._av.FFmpegError, ValueError) as error:
+        except (av.FFmpegError, ValueError) as error:
             raise self._undecodable(error) from error
         if frame is not None:
             self._last = frame.pts
@@ -223,11 +222,3 @@ class _Film:
             where=str(self.path),
             hint="Copy it again, or convert it with ffmpeg; H.264 in MP4 is a safe choice.",
         )
-
-
-def _import_av() -> Any:
-    try:
-        import av
-    except ImportError as missing:
-        raise MissingExtra("av", "capture") from missing
-    return av
