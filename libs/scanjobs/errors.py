@@ -7,6 +7,10 @@
      ├─ IllegalTransition       the state does not allow it; HTTP 409
      ├─ IdempotencyConflict     the key was used with another body; HTTP 409
      ├─ InvalidCursor           the cursor was not made by this service; HTTP 422
+     ├─ QuotaExceeded           the owner's room, or the disk's, is used up; HTTP 507
+     ├─ TooLarge                a file is larger than the service takes; HTTP 413
+     ├─ UploadConflict          the bytes do not continue what has arrived; HTTP 409
+     ├─ UploadBusy              another request is sending to the same upload; HTTP 423
      ├─ SourceOutsideRoots      a path that the service may not read; HTTP 422
      ├─ ArtifactDamaged         the stored bytes no longer have their digest
      ├─ DataFolderInUse         a second server on one data folder
@@ -50,6 +54,30 @@ class InvalidCursor(ScanjobsError):
     """The cursor cannot be read; start again without one."""
 
     code = "INVALID_CURSOR"
+
+
+class QuotaExceeded(ScanjobsError):
+    """There is no room for this: delete uploads, captures or scans, or ask the operator for more."""
+
+    code = "QUOTA_EXCEEDED"
+
+
+class TooLarge(ScanjobsError):
+    """The file is larger than this service takes; send less, or ask the operator to raise the limit."""
+
+    code = "TOO_LARGE"
+
+
+class UploadConflict(ScanjobsError):
+    """The bytes do not continue what has arrived; ask how far the upload is and go on from there."""
+
+    code = "UPLOAD_CONFLICT"
+
+
+class UploadBusy(ScanjobsError):
+    """Another request is sending to the same upload; wait until it has ended."""
+
+    code = "UPLOAD_BUSY"
 
 
 class SourceOutsideRoots(ScanjobsError):

@@ -15,7 +15,7 @@ from services.api.dependencies import Parts
 from services.api.doorkeeper import Doorkeeper
 from services.api.middleware import BodyLimit, RequestIds
 from services.api.openapi import document_refusals
-from services.api.routes import artifacts, health, info, keys, metrics, modes, scans
+from services.api.routes import artifacts, captures, health, info, keys, metrics, modes, scans, uploads
 
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
@@ -53,7 +53,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     app.add_middleware(RequestIds)
     metrics.install(app)
     errors.install(app)
-    for module in (scans, modes, artifacts, keys, info, health, metrics):
+    for module in (scans, modes, artifacts, uploads, captures, keys, info, health, metrics):
         app.include_router(module.router)
     document_refusals(app)
     return app

@@ -59,10 +59,11 @@ def complaints_of(error: ValidationError) -> tuple[Complaint, ...]:
     return complaints([dict(row) for row in error.errors(include_url=False, include_input=False)])
 
 
-def complaints(rows: Iterable[Mapping[str, Any]]) -> tuple[Complaint, ...]:
-    """The same, from the rows of `ValidationError.errors()`."""
+def complaints(rows: Iterable[Mapping[str, Any]], *, of_scan: bool = True) -> tuple[Complaint, ...]:
+    """The same, from the rows of `ValidationError.errors()`, of a specification or of another body."""
     found = list(rows)
-    return tuple(_complaint({**row, "loc": _without_members(row)}) for row in found if not _is_lesser(row, found))
+    plain = [{**row, "loc": _without_members(row)} for row in found if not _is_lesser(row, found)]
+    return tuple(_complaint(row) if of_scan else _foreign_complaint(row) for row in plain)
 
 
 def json_pointer(path: Iterable[str | int]) -> str:
@@ -90,6 +91,16 @@ def _is_lesser(row: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> boo
         return False
     way = row["loc"][:-1]
     return any(other is not row and tuple(other["loc"][: len(way)]) == tuple(way) for other in rows)
+
+
+def _foreign_complaint(row: Mapping[str, Any]) -> Complaint:
+    """Of a body that is no specification."""
+    if row["type"] == "value_error":
+        return _from_validator(tuple(row["loc"]), str(row["ctx"]["error"]))
+    if row["type"] == "extra_forbidden":
+        return Complaint(pointer=json_pointer(row["loc"]), message="is no key here.", hint="Remove it; see /docs.")
+    hint = _remedy(row).replace("GET /v1/options (nerfmodal presets)", "/docs")
+    return Complaint(pointer=json_pointer(row["loc"]), message=_message(row), hint=hint)
 
 
 def _complaint(row: Mapping[str, Any]) -> Complaint:

@@ -18,8 +18,12 @@ from scanjobs.errors import (
     IllegalTransition,
     InvalidCursor,
     NotFound,
+    QuotaExceeded,
     ScanjobsError,
     SourceOutsideRoots,
+    TooLarge,
+    UploadBusy,
+    UploadConflict,
 )
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
@@ -31,12 +35,17 @@ STATUS_OF: Mapping[type[Exception], int] = {
     NotFound: 404,
     IllegalTransition: 409,
     IdempotencyConflict: 409,
+    UploadConflict: 409,
+    UploadBusy: 423,
+    TooLarge: 413,
+    QuotaExceeded: 507,
     InvalidCursor: 422,
     SourceOutsideRoots: 422,
     ArtifactDamaged: 500,
     InvalidInput: 422,
     MissingExtra: 501,
 }
+TITLE_OF: Mapping[int, str] = {460: "Checksum Mismatch"}
 CODE_OF_STATUS: Mapping[int, str] = {
     401: "UNAUTHORIZED",
     403: "FORBIDDEN",
@@ -86,7 +95,7 @@ def problem(
     """The answer; `errors` lists every complaint where there is more than the first."""
     body: dict[str, Any] = {
         "type": f"urn:nerfmodal:problem:{code.lower().replace('_', '-')}",
-        "title": HTTPStatus(status).phrase,
+        "title": TITLE_OF.get(status) or HTTPStatus(status).phrase,
         "status": status,
         "detail": detail,
         "instance": request.url.path,
@@ -131,12 +140,12 @@ def _on_validation(request: Request, error: Exception) -> JSONResponse:
     if rows[0]["type"] == "json_invalid":
         detail = f"The body is no JSON: {rows[0].get('ctx', {}).get('error', 'it cannot be parsed')}."
         return problem(request, 400, "INVALID_JSON", detail, hint="Send one JSON object.")
-    found = complaints([{**row, "loc": row["loc"][1:]} for row in rows if row["loc"][0] == place])
+    about_scan = "/scans" in request.url.path
+    found = complaints([{**row, "loc": row["loc"][1:]} for row in rows if row["loc"][0] == place], of_scan=about_scan)
     first = found[0]
     if place == "body":
-        return problem(
-            request, 422, "INVALID_SPEC", first.message, pointer=first.pointer, hint=first.hint, errors=found
-        )
+        code = "INVALID_SPEC" if about_scan else "INVALID_BODY"
+        return problem(request, 422, code, first.message, pointer=first.pointer, hint=first.hint, errors=found)
     name = first.pointer.lstrip("/")
     return problem(
         request, 422, "INVALID_PARAMETER", f"The {place} parameter '{name}' {first.message}", hint=first.hint

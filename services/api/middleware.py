@@ -52,13 +52,13 @@ class RequestIds:
 
 
 class BodyLimit:
-    """Refuses a body above `HIGHEST_BODY_BYTES`, announced or not, before it is in memory."""
+    """Refuses a body above `HIGHEST_BODY_BYTES`, announced or not, before it is in memory; files pass by it."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
+        if scope["type"] != "http" or _is_file(scope):
             await self.app(scope, receive, send)
             return
         body = b""
@@ -71,6 +71,14 @@ class BodyLimit:
                 await _too_large(scope)(scope, receive, send)
                 return
         await self.app(scope, _replay(body, receive), send)
+
+
+def _is_file(scope: Scope) -> bool:
+    """Whether the body is a file, which its route writes to disk as it comes and limits by itself."""
+    path = scope["path"].rstrip("/")
+    if path == "/v1/uploads" or path == "/v1/captures/archive":
+        return bool(scope["method"] == "POST")
+    return bool(scope["method"] == "PATCH" and path.startswith("/v1/uploads/"))
 
 
 def _announced(scope: Scope) -> int:

@@ -1,5 +1,6 @@
 """Scans: submit, look, list, cancel, retry. Whatever is answered with 2xx has been committed before."""
 
+import json
 import math
 import re
 from collections.abc import Iterator
@@ -123,6 +124,14 @@ def retry(
 
 def refuse_unstorable(spec: ScanSpec) -> None:
     """Python's JSON reader takes what JSON and UTF-8 cannot hold: NaN, infinity (1e999) and half a surrogate."""
+    try:
+        json.dumps(spec.model_dump(), allow_nan=False, ensure_ascii=False).encode()
+    except ValueError:
+        _refuse_leaf(spec)
+
+
+def _refuse_leaf(spec: ScanSpec) -> None:
+    """Name the field; the quick look above does not."""
     for path, value in _leaves(spec.model_dump(), ()):
         if isinstance(value, float) and not math.isfinite(value):
             raise _unstorable(path, "is not a finite number.")
