@@ -1,7 +1,7 @@
 """What a video shows as a few numbers per picture: how bright it is, and how much moved since the picture before.
 
 Computed from small grey pictures while every picture is decoded once, which also finds the place where a video is
-broken, and pictures that repeat the one before bit for bit: a recorder's filling for a frame that it lost.
+broken, and pictures that only repeat the one before: a recorder's filling for a frame that it lost.
 """
 
 from collections.abc import Sequence
@@ -16,34 +16,30 @@ from nerfmodal.errors import InvalidCapture
 THUMBNAIL = 96
 """Pixels across."""
 SAME = 0.02
-"""Grey levels (of 255): pictures that differ by less anywhere are one picture twice."""
+"""Grey levels (of 255): a mean difference below this, and below a tenth of the usual one, is one picture twice."""
 MOVING = 0.1
 """Grey levels: a mean difference above this is motion, or noise; either shows that a camera films on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """By picture: `times` (s, own clock), mean `brightness`, mean and largest `change` since the one before (0-255)."""
+    """By picture: `times` (s, own clock), mean `brightness`, and mean `change` since the one before (0-255)."""
 
     times: Float[np.ndarray, " pictures"]
     brightness: Float[np.ndarray, " pictures"]
     change: Float[np.ndarray, " pictures"]
-    largest: Float[np.ndarray, " pictures"]
 
 
 def watch(stamps: Stamps) -> Signals:
     """Decode a whole video. Raises `InvalidCapture` where that fails, or where it holds fewer pictures than it says."""
     brightness: list[float] = []
     change: list[float] = []
-    largest: list[float] = []
     ticks: list[int] = []
     before: np.ndarray | None = None
     for tick, small in thumbnails(stamps.path, THUMBNAIL):
-        difference = np.abs(small - before) if before is not None else np.zeros(1)
         ticks.append(tick)
         brightness.append(float(small.mean()))
-        change.append(float(difference.mean()))
-        largest.append(float(difference.max()))
+        change.append(float(np.abs(small - before).mean()) if before is not None else 0.0)
         before = small
     if tuple(ticks) != stamps.ticks:
         raise InvalidCapture(
@@ -51,12 +47,7 @@ def watch(stamps: Stamps) -> Signals:
             where=str(stamps.path),
             hint="Copy it again, or convert it with ffmpeg.",
         )
-    return Signals(
-        times=stamps.times,
-        brightness=np.array(brightness),
-        change=np.array(change),
-        largest=np.array(largest),
-    )
+    return Signals(times=stamps.times, brightness=np.array(brightness), change=np.array(change))
 
 
 def repeats(signals: Sequence[Signals], offsets: Sequence[float]) -> list[Bool[np.ndarray, " pictures"]]:
@@ -68,7 +59,7 @@ def repeats(signals: Sequence[Signals], offsets: Sequence[float]) -> list[Bool[n
             np.interp(one.times - offsets[camera], signals[k].times - offsets[k], signals[k].change) > MOVING
             for k in others
         ]
-        still = one.largest < SAME
+        still = one.change < min(SAME, 0.1 * float(np.median(one.change)))
         still[0] = False
         found.append(still & (np.mean(moving, axis=0) > 0.5 if moving else False))
     return found

@@ -20,7 +20,7 @@ UNLIKE = 0.01
 SHORTEST = 0.5
 """The record must be longer than this share of the longest video."""
 
-Times = Float[np.ndarray, " stamps"]
+Times = Float[np.ndarray, " _stamps"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
