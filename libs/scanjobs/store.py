@@ -14,9 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy import URL, Connection, Engine, create_engine, event, func, make_url, select
+from sqlalchemy.exc import DBAPIError, DisconnectionError, OperationalError
 from sqlalchemy.orm import Session
+from sqlalchemy.pool import ConnectionPoolEntry
 
 T = TypeVar("T")
 Work = Callable[[Session], T]
@@ -26,6 +27,11 @@ BUSY_S: Final = 30.0
 TRIES: Final = 6
 LOCK_SPACE: Final = 0x6E6D
 """First half of every advisory lock of this program on PostgreSQL."""
+CONNECTIONS: Final = 16
+"""Of one process to PostgreSQL, at most."""
+TRUSTED_S: Final = 1.0
+"""A connection that was used so lately is taken to be alive."""
+USED_AT: Final = "scanjobs_used_at"
 READ_ONLY: Final = "scanjobs_read_only"
 TRANSIENT_SQLSTATES: Final = frozenset({"40001", "40P01", "55P03"})
 """PostgreSQL: serialization failure, deadlock, lock not available."""
@@ -75,7 +81,7 @@ def open_store(database_url: str) -> Store:
         return Store(_sqlite_engine(database_url))
     if url.drivername == "postgresql":
         url = url.set(drivername="postgresql+psycopg")
-    return Store(create_engine(url, pool_pre_ping=True, pool_size=8, max_overflow=24))
+    return Store(_postgres_engine(url))
 
 
 def one_at_a_time(session: Session, number: int) -> None:
@@ -94,6 +100,29 @@ def is_transient(error: DBAPIError) -> bool:
 def journal_mode(version: tuple[int, ...] = sqlite3.sqlite_version_info) -> str:
     """The journal that this version of SQLite can be trusted with."""
     return "WAL" if version >= FIRST_SQLITE_WITH_SOUND_WAL else "TRUNCATE"
+
+
+def _postgres_engine(url: URL) -> Engine:
+    """Connections that are kept, not opened anew under load; asked whether they live when they were idle for a while.
+
+    Asking every time costs three round trips, a quarter of a short transaction.
+    """
+    engine = create_engine(url, pool_size=CONNECTIONS, max_overflow=0)
+
+    def note(_: Any, record: ConnectionPoolEntry) -> None:
+        record.info[USED_AT] = time.monotonic()
+
+    def ask(connection: Any, record: ConnectionPoolEntry, _: object) -> None:
+        if time.monotonic() - record.info.get(USED_AT, time.monotonic()) < TRUSTED_S:
+            return
+        try:
+            engine.dialect.do_ping(connection)
+        except engine.dialect.dbapi.Error as error:  # type: ignore[union-attr]
+            raise DisconnectionError("it was closed while it was idle") from error  # the pool opens another one
+
+    event.listen(engine, "checkin", note)
+    event.listen(engine, "checkout", ask)
+    return engine
 
 
 def _sqlite_engine(url: str) -> Engine:
