@@ -3,7 +3,7 @@
 Each stage takes values and returns values; the worker's tasks load, call one of these, and save.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import assert_never
@@ -16,13 +16,13 @@ from nerfmodal.export.modes import write_json
 from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
-from nerfmodal.identify.model import FEWEST_FRAMES
+from nerfmodal.identify.model import FEWEST_FRAMES, Measure
 from nerfmodal.progress import Progress, Report
 from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
 
-SURFACE_SHARE = 0.6
-"""A ray's point lies where its opacity passes this share of the threshold: thin leaves never reach all of it."""
+SPREAD_VOXELS = 3.0
+"""A ray whose weights lie further apart than this (quartiles, voxels) ends in fog, not on a surface."""
 REGION_SHARE = 0.3
 """Half the side of a capture's default region, in mean distances from the cameras to what they look at."""
 
@@ -87,32 +87,50 @@ def make_frame(spec: ScanSpec, index: int, opened: capture.Capture | None = None
             assert_never(spec.source)
 
 
-def fit_first(spec: ScanSpec, first: Frame, *, report: Report) -> Checkpoint:
-    """Train frame 0 from nothing to the checkpoint that every frame starts from."""
+def fit_first(spec: ScanSpec, first: Frame, *, report: Report, resume: io.ResumeFile | None = None) -> Checkpoint:
+    """Train frame 0 from nothing to the checkpoint that every frame starts from.
+
+    `resume` keeps the state now and then, from which a training that was stopped goes on.
+    """
     trained, held_out = capture.split_held_out(first, _held_out(spec))
-    return field.fit(_scene(spec, first), spec.reconstruction, trained, held_out, spec.seed, _telling(report))
+    keeping = _named_resume(resume, f"{spec.digest()} first")
+    scene = _scene(spec, first)
+    checkpoint = field.fit(scene, spec.reconstruction, trained, held_out, spec.seed, _telling(report), keeping)
+    keeping.forget()
+    return checkpoint
 
 
-def fine_tune(spec: ScanSpec, parent: Checkpoint, first: Frame, frame: Frame, *, report: Report) -> Checkpoint:
+def fine_tune(
+    spec: ScanSpec,
+    parent: Checkpoint,
+    first: Frame,
+    frame: Frame,
+    *,
+    report: Report,
+    resume: io.ResumeFile | None = None,
+) -> Checkpoint:
     """Train `frame` from the frame-0 checkpoint; independent of all other frames (frame 0 included).
 
-    Cameras that lost their picture, of this frame or of frame 0, say nothing.
+    Cameras that lost their picture, of this frame or of frame 0, say nothing. `resume` is as in `fit_first`.
     """
     start, now = (capture.split_held_out(one, _held_out(spec), first.rig)[0] for one in (first, frame))
     parent, start, now = field.of_common_cameras(parent, start, now)
-    return field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report))
+    keeping = _named_resume(resume, f"{spec.digest()} frame {frame.index}")
+    checkpoint = field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report), keeping)
+    keeping.forget()
+    return checkpoint
 
 
 def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Report) -> PointCloud:
     """The point cloud of a trained frame (eq 10). Always ends; see its `outcome`."""
-    threshold = spec.reconstruction.opacity_threshold
     scene = _scene(spec, frame)
     return cloud.extract(
-        field.looker(checkpoint, frame, SURFACE_SHARE * threshold),
+        field.looker(checkpoint, frame),
         frame,
         scene.low,
         scene.high,
-        threshold=threshold,
+        threshold=spec.reconstruction.opacity_threshold,
+        spread=SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction),
         count=spec.reconstruction.points,
         rng=np.random.default_rng([spec.seed, frame.index]),
         report=lambda done, total: report(_step(done, total)),
@@ -155,11 +173,12 @@ def identify(
     started = _now()
     times = np.array(frame_times(spec, opened))
     rate = _frame_rate(spec, times)
+    given, found = _find_organs(spec, clouds)
     organs = identify_scan(
-        _organs(spec),
+        given,
         spec.identification,
         clouds,
-        measure=surface.measure_organ,
+        measure=_measuring(found),
         frame_rate=rate,
         times=times,
         seed=spec.seed,
@@ -243,6 +262,12 @@ def reconstruct(
         yield io.read_cloud(path)
 
 
+def _named_resume(resume: io.ResumeFile | None, training: str) -> io.ResumeFile:
+    named = resume or io.ResumeFile(None)
+    named.training = training
+    return named
+
+
 def _step(done: int, total: int) -> Progress:
     return Progress(done=done, total=total)
 
@@ -279,6 +304,39 @@ def _organs(spec: ScanSpec) -> tuple[OrganSpec, ...]:
     if not spec.organs and isinstance(spec.source, CloudsSource):
         return open_clouds(spec).organs
     return spec.organs
+
+
+def _find_organs(
+    spec: ScanSpec, clouds: Sequence[PointCloud | None]
+) -> tuple[tuple[OrganSpec, ...], Mapping[str, cloud.FoundOrgan]]:
+    """The organs that are measured, and the space of those that were looked for."""
+    given = _organs(spec)
+    if given and all(organ.region != "auto" for organ in given):
+        return given, {}
+    found = cloud.find_organs(clouds, np.random.default_rng(spec.seed))
+    return (given, cloud.assign(given, found)) if given else cloud.specify(found)
+
+
+def _measuring(found: Mapping[str, cloud.FoundOrgan]) -> Measure:
+    """`surface.measure_organ`, which sees of an organ that was found only the points in its space."""
+
+    def measure(
+        organ: OrganSpec,
+        clouds: Sequence[PointCloud | None],
+        *,
+        reference: surface.Reference,
+        times: np.ndarray,
+        frame_rate: float,
+        rng: np.random.Generator,
+        report: Callable[[int, int, str], None],
+    ) -> surface.Track:
+        if organ.name in found:
+            clouds = [None if one is None else found[organ.name].select(one) for one in clouds]
+        return surface.measure_organ(
+            organ, clouds, reference=reference, times=times, frame_rate=frame_rate, rng=rng, report=report
+        )
+
+    return measure
 
 
 def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:

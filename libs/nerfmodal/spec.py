@@ -190,6 +190,8 @@ class ReconstructionSpec(Part):
     """Of frame 0, up to the checkpoint that all frames start from."""
     fine_tune_iterations: Annotated[int, Field(ge=1)] = 120
     """Of every frame, from the frame-0 checkpoint."""
+    settled_m: PositiveMetres | None = None
+    """The paper's field stops early when the moved surface changes by less between two looks, of twenty a training."""
     rays_per_batch: Annotated[int, Field(ge=16)] = 4096
     learning_rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """By default the field's own."""

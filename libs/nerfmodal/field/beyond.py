@@ -4,7 +4,7 @@ The plant covers a place of the ground for few cameras only, so the median looks
 """
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from nerfmodal.field.grid import GridField
@@ -14,9 +14,15 @@ FLAT = -1e-4
 """Rays that fall less than this see the sky, as in `kernels.meet_ground`."""
 
 
-def lay_ground(field: GridField, views: Views, seen: Int[np.ndarray, " chosen"] | None = None) -> None:
+MOST_PIXELS = 4_000_000
+"""More than so many say nothing new of a texture."""
+
+
+def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras height width"] | None = None) -> None:
     """Fill the ground and sky of `field.values` in place from the pictures, or from their pixels `seen` alone."""
-    flat = np.arange(views.pixels) if seen is None else seen
+    flat = np.arange(0, views.pixels, -(-views.pixels // MOST_PIXELS))
+    if seen is not None:
+        flat = flat[seen.reshape(-1)[flat]]
     pixels = pixels_at(flat, views.images.shape)
     directions = directions_of(views, pixels)
     colors = views.images.reshape(-1, 3)[flat] / np.float32(255)

@@ -24,8 +24,13 @@ def changed_pixels(
     first: UInt8[np.ndarray, "cameras height width 3"], images: UInt8[np.ndarray, "cameras height width 3"]
 ) -> Bool[np.ndarray, "cameras height width"]:
     """Pixels that differ from frame 0, and their neighbours."""
-    difference = np.abs(first.astype(np.int16) - images).max(axis=-1)
-    return np.asarray(binary_dilation(difference > CHANGE, np.ones((1, 3, 3), dtype=bool)))
+    around = np.ones((3, 3), dtype=bool)
+    return np.stack(
+        [
+            binary_dilation(np.abs(before.astype(np.int16) - now).max(axis=-1) > CHANGE, around)
+            for before, now in zip(first, images, strict=True)
+        ]
+    )
 
 
 def carved_blocks(

@@ -5,15 +5,15 @@ still background for each camera. A further frame changes only where its picture
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from nerfmodal.errors import TrainingDiverged
 from nerfmodal.field import kernels, marching
 from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine, seen_blocks, with_masks
+from nerfmodal.field.course import Course
 from nerfmodal.field.views import CELL, Views, pixels_at
 
 OUTER_BRICKS = 12
@@ -28,9 +28,6 @@ DECAY = 1e-3
 """Pull on every sample's density towards nothing, so that fog that explains nothing clears."""
 STEP = 0.6
 """Distance between samples, voxels."""
-
-Told = Callable[[int, float], None]
-"""Called with (iterations done, loss)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +46,34 @@ class GridField:
     def half(self) -> Float[np.ndarray, " 3"]:
         """Half the extent of the region, metres: the unit of the contracted space."""
         return 0.5 * (self.high - self.bricks.low)
+
+
+def grid_state(field: GridField) -> dict[str, np.ndarray]:
+    """The arrays of a grid field, as a checkpoint keeps them."""
+    return {
+        "low": field.bricks.low,
+        "high": field.high,
+        "voxel": np.array([field.bricks.voxel, field.ground]),
+        "sides": np.array(field.sides),
+        "slots": field.bricks.slots,
+        "masks": field.bricks.masks,
+        "outer": field.outer,
+        "values": field.values,
+    }
+
+
+def grid_of(state: Mapping[str, np.ndarray]) -> GridField:
+    """The grid field that these arrays are."""
+    voxel, ground = (float(value) for value in state["voxel"])
+    bricks = Bricks(low=state["low"], voxel=voxel, slots=state["slots"], masks=state["masks"])
+    return GridField(
+        bricks=bricks,
+        high=state["high"],
+        values=state["values"],
+        outer=state["outer"],
+        ground=ground,
+        sides=(int(state["sides"][0]), int(state["sides"][1])),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,11 +123,6 @@ def _texture_sides(pixels: int) -> tuple[int, int]:
     return side, side // 2
 
 
-def _silent(done: int, loss: float) -> None:
-    """Say nothing."""
-    del done, loss
-
-
 def train(
     field: GridField,
     views: Views,
@@ -110,25 +130,22 @@ def train(
     draw: Callable[[], Int[np.ndarray, " rays"]],
     iterations: int,
     rng: np.random.Generator,
+    course: Course,
     *,
     rates: Rates,
     trainable: np.ndarray | None = None,
     decay: float = DECAY,
     limit: float = 10.0,
-    progress: tuple[float, float] = (0.0, 1.0),
-    told: Told = _silent,
-) -> tuple[float, Float[np.ndarray, " blocks"]]:
-    """Change `field.values` in place for a number of iterations.
+) -> Float[np.ndarray, " blocks"]:
+    """Change `field.values` in place for a number of iterations of the `course`.
 
-    Returns the smoothed loss and, for every block of every brick, the largest weight that a sample in it had in the
-    second half.
-
-    Without `backgrounds` the outer grid is trained too. `progress` is the part of the whole schedule that this is.
+    Returns for every block of every brick the largest weight that a sample in it had in the second half.
+    Without `backgrounds` what lies beyond the region is trained too.
     """
     optimiser = Optimiser(len(field.values), 64 * len(field.bricks.masks))
     where = field.bricks.masks if trainable is None else trainable
     outside = views.images if backgrounds is None else backgrounds
-    smooth = 0.0
+    course.turn()
     for iteration in range(iterations):
         if iteration == iterations // 2:
             optimiser.seen[:] = 0  # what was fog at first may be clear by now
@@ -158,11 +175,8 @@ def train(
             optimiser.touched,
             optimiser.seen,
         )
-        if not np.isfinite(loss):
-            raise TrainingDiverged(f"the loss became {loss} at iteration {iteration}.")
         optimiser.steps += 1
-        part = progress[0] + (progress[1] - progress[0]) * iteration / iterations
-        scale = rates.final**part
+        scale = rates.final ** (course.done / course.total)
         kernels.adam(
             field.values,
             optimiser.gradients,
@@ -174,9 +188,8 @@ def train(
             optimiser.steps,
             np.array([rates.density * scale, rates.color * scale]),
         )
-        smooth = loss if iteration == 0 else 0.9 * smooth + 0.1 * loss
-        told(iteration + 1, smooth)
-    return float(smooth), optimiser.seen.max(axis=0)
+        course.step(float(loss), len(pixels))
+    return np.asarray(optimiser.seen.max(axis=0))
 
 
 def pruned(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
@@ -192,9 +205,9 @@ def refined(field: GridField, seen: Float[np.ndarray, " blocks"]) -> GridField:
 
 
 def render(
-    field: GridField, views: Views, pixels: Int[np.ndarray, "rays 3"], *, behind: bool, level: float = 0.5
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Colour in front (rays, 3), transmittance (rays,), colour behind (rays, 3), distance at `level` (rays,) m."""
+    field: GridField, views: Views, pixels: Int[np.ndarray, "rays 3"], *, behind: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Colour in front (rays, 3), transmittance (rays,), colour behind (rays, 3), distance and spread (rays,) m."""
     return kernels.render_pixels(
         field.bricks.slots,
         field.bricks.masks,
@@ -211,5 +224,4 @@ def render(
         behind,
         pixels,
         STEP,
-        level,
     )

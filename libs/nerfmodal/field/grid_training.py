@@ -4,11 +4,12 @@ A warm start keeps a ghost of frame 0 in every place that the structure left. Th
 forgets all that may have changed (`changes`), and learns it anew from rays that pass there; all else stays as it was.
 """
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
 from nerfmodal.field.beyond import lay_ground
@@ -25,14 +26,28 @@ from nerfmodal.field.bricks import (
     with_masks,
 )
 from nerfmodal.field.changes import carved_blocks, changed_pixels
-from nerfmodal.field.grid import FORGOTTEN_RAW, GridField, Rates, Told, empty_field, pruned, refined, render, train
+from nerfmodal.field.course import Course
+from nerfmodal.field.grid import (
+    FORGOTTEN_RAW,
+    GridField,
+    Rates,
+    empty_field,
+    grid_of,
+    grid_state,
+    pruned,
+    refined,
+    render,
+    train,
+)
 from nerfmodal.field.marching import ROWS_PER_BRICK
-from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
+from nerfmodal.field.views import Views, directions_of, views_of
+from nerfmodal.io.resume import ResumeFile
 from nerfmodal.types import Frame
 
 BEYOND = 0.2
 """Share of the iterations in which only what lies beyond the region learns: else fog would learn the floor."""
-BEYOND_RATES = Rates(color=0.02, final=0.1)
+BEYOND_RATES = Rates(color=0.02, final=1e-5)
+"""A tenth of the rate is left at the end of this part, for `final` is that of the whole training."""
 BEYOND_LIMIT = 0.03
 UNEXPLAINED = 0.12
 """A pixel that the ground and sky miss by more than this (of 1) sees the structure."""
@@ -76,50 +91,116 @@ def fit(
     ground: float | None,
     schedule: Schedule,
     seed: int,
-    told: Told,
-) -> tuple[GridField, float]:
-    """Train frame 0 from nothing. Returns the field and its mean squared error."""
+    course: Course,
+    resume: ResumeFile,
+) -> GridField:
+    """Train frame 0 from nothing, coarse to fine; `resume` keeps the state after every level."""
     views = views_of(frame)
     rng = np.random.default_rng(seed)
-    field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground, views.pixels)
-
-    def draw() -> Int[np.ndarray, " rays"]:
-        return rng.integers(0, views.pixels, schedule.rays)
-
-    done, loss = round(BEYOND * schedule.iterations), 0.0
-    clear = replace(field, bricks=replace(field.bricks, masks=np.zeros_like(field.bricks.masks)))
-    if ground is not None:
-        lay_ground(field, views)
-    train(clear, views, None, draw, done, rng, rates=BEYOND_RATES, limit=BEYOND_LIMIT, told=told)
-    silhouettes = None if ground is None else unexplained(clear, views)
-    for level, (share, decay) in enumerate(zip(LEVELS, DECAYS, strict=True)):
+    kept = resume.taken_up()
+    if kept is None:
+        field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground, views.pixels)
+        silhouettes = _learn_beyond(field, views, schedule, rng, course)
+        level, draw = 0, _anywhere(views.pixels, schedule.rays, rng)
+    else:
+        level, field, seen, silhouettes = _restored(kept, views, rng, course)
+        field, draw = _next_level(field, seen, views, schedule, rng, level)
+        level += 1
+    while True:
         if silhouettes is not None:
-            hull = carved_blocks(field.bricks, frame.rig, silhouettes[0], PLANT_AGREEMENT, voters=silhouettes[1])
+            hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.falls)
             field = restricted(field, hull)
-        if level == 0 and silhouettes is not None:
-            draw = _focused(np.flatnonzero(silhouettes[0] | ~silhouettes[1]), views.pixels, schedule.rays, rng)
-        until = schedule.iterations if level == len(LEVELS) - 1 else done + round(share * schedule.iterations)
-        loss, seen = train(
-            field,
-            views,
-            None,
-            draw,
-            until - done,
-            rng,
-            rates=schedule.rates,
-            decay=decay,
-            progress=(done / schedule.iterations, until / schedule.iterations),
-            told=_shifted(told, done),
+            if level == 0:
+                draw = _focused(silhouettes.missed | ~silhouettes.falls, schedule.rays, rng)
+        until = _iterations_until(level, schedule.iterations)
+        seen = train(
+            field, views, None, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
         )
-        done = until
-        field = pruned(field, seen)
-        if level < len(LEVELS) - 1:
-            plant = plant_pixels(field, views)
-            draw = _focused(plant, views.pixels, schedule.rays, rng)
-            field = refined(field, seen)
-            if ground is not None and level > 0:
-                lay_ground(field, views, np.setdiff1d(np.arange(views.pixels), plant, assume_unique=True))
-    return field, loss
+        if level == len(LEVELS) - 1:
+            return pruned(field, seen)
+        if resume.is_due:
+            resume.keep(_kept(level, field, seen, silhouettes, rng, course))
+        field, draw = _next_level(field, seen, views, schedule, rng, level)
+        level += 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Silhouettes:
+    """Pixels that ground and sky alone miss, and pixels whose ray falls to the ground: only those are believed."""
+
+    missed: Bool[np.ndarray, "cameras height width"]
+    falls: Bool[np.ndarray, "cameras height width"]
+
+
+def _learn_beyond(
+    field: GridField, views: Views, schedule: Schedule, rng: np.random.Generator, course: Course
+) -> Silhouettes | None:
+    """Teach `field` what lies beyond the region; where a ground is known, return what it cannot explain."""
+    clear = replace(field, bricks=replace(field.bricks, masks=np.zeros_like(field.bricks.masks)))
+    grounded = not np.isnan(field.ground)
+    if grounded:
+        lay_ground(field, views)
+    draw = _anywhere(views.pixels, schedule.rays, rng)
+    count = round(BEYOND * schedule.iterations)
+    train(clear, views, None, draw, count, rng, course, rates=BEYOND_RATES, limit=BEYOND_LIMIT)
+    return unexplained(clear, views) if grounded else None
+
+
+def _iterations_until(level: int, iterations: int) -> int:
+    if level == len(LEVELS) - 1:
+        return iterations
+    return round(BEYOND * iterations) + sum(round(share * iterations) for share in LEVELS[: level + 1])
+
+
+def _next_level(
+    field: GridField,
+    seen: Float[np.ndarray, " blocks"],
+    views: Views,
+    schedule: Schedule,
+    rng: np.random.Generator,
+    level: int,
+) -> tuple[GridField, Draw]:
+    """The field of half the voxel after `level` was trained, and rays from where the plant was found."""
+    field = pruned(field, seen)
+    plant = plant_pixels(field, views)
+    finer = refined(field, seen)
+    if not np.isnan(field.ground) and level > 0:
+        lay_ground(finer, views, ~plant)
+    return finer, _focused(plant, schedule.rays, rng)
+
+
+def _kept(
+    level: int,
+    field: GridField,
+    seen: Float[np.ndarray, " blocks"],
+    silhouettes: Silhouettes | None,
+    rng: np.random.Generator,
+    course: Course,
+) -> dict[str, np.ndarray]:
+    state = grid_state(field) | {"seen": seen, "rng": _as_bytes(rng), "at": np.array([level, course.done, course.loss])}
+    if silhouettes is None:
+        return state
+    return state | {name: np.packbits(getattr(silhouettes, name)) for name in ("missed", "falls")}
+
+
+def _restored(
+    kept: Mapping[str, np.ndarray], views: Views, rng: np.random.Generator, course: Course
+) -> tuple[int, GridField, Float[np.ndarray, " blocks"], Silhouettes | None]:
+    rng.bit_generator.state = json.loads(kept["rng"].tobytes())
+    level, done, loss = kept["at"]
+    course.go_on(int(done), float(loss))
+    silhouettes = None
+    if "missed" in kept:
+        shape = views.images.shape[:3]
+        missed, falls = (
+            np.unpackbits(kept[name], count=views.pixels).astype(bool).reshape(shape) for name in ("missed", "falls")
+        )
+        silhouettes = Silhouettes(missed=missed, falls=falls)
+    return int(level), grid_of(kept), kept["seen"], silhouettes
+
+
+def _as_bytes(rng: np.random.Generator) -> np.ndarray:
+    return np.frombuffer(json.dumps(rng.bit_generator.state).encode(), dtype=np.uint8)
 
 
 def restricted(field: GridField, occupied: Occupancy) -> GridField:
@@ -130,51 +211,62 @@ def restricted(field: GridField, occupied: Occupancy) -> GridField:
     return replace(field, bricks=bricks, values=np.concatenate([inner, field.values[old.rows :]]))
 
 
-def unexplained(
-    clear: GridField, views: Views
-) -> tuple[Bool[np.ndarray, "cameras height width"], Bool[np.ndarray, "cameras height width"]]:
-    """Pixels that ground and sky alone miss, and pixels whose ray falls to the ground: only those are believed."""
+def unexplained(clear: GridField, views: Views) -> Silhouettes:
+    """What ground and sky alone miss."""
     missed = np.empty(views.images.shape[:3], bool)
     falls = np.empty(views.images.shape[:3], bool)
-    per_camera = int(np.prod(views.images.shape[1:3]))
     for camera, image in enumerate(views.images):
-        pixels = pixels_at(camera * per_camera + np.arange(per_camera), views.images.shape)
-        _, _, behind, _ = render(clear, views, pixels, behind=True)
+        pixels = views.pixels_of(camera)
+        _, _, behind, _, _ = render(clear, views, pixels, behind=True)
         difference = np.abs(behind.reshape(image.shape) - image / np.float32(255)).max(axis=-1)
         missed[camera] = uniform_filter(median_filter(difference, 3), 3) > UNEXPLAINED
         falls[camera] = directions_of(views, pixels)[:, 2].reshape(image.shape[:2]) < STEEP
-    return missed, falls
+    return Silhouettes(missed=missed, falls=falls)
 
 
-def plant_pixels(field: GridField, views: Views) -> Int[np.ndarray, " chosen"]:
-    """Flat numbers of the pixels that see something in the region, or lie beside one that does."""
+def plant_pixels(field: GridField, views: Views) -> Bool[np.ndarray, "cameras height width"]:
+    """The pixels that see something in the region, or lie beside one that does."""
     cameras, height, width = views.images.shape[:3]
     rows, columns = np.arange(0, height, COARSE), np.arange(0, width, COARSE)
-    grid = np.stack(np.meshgrid(np.arange(cameras), rows, columns, indexing="ij"), axis=-1).reshape(-1, 3)
-    _, left, _, _ = render(field, views, grid.astype(np.int32), behind=False)
-    opaque = (left < 1 - FAINT).reshape(cameras, len(rows), len(columns))
-    grown = binary_dilation(opaque, np.ones((1, 3, 3), dtype=bool))
-    full = grown.repeat(COARSE, axis=1).repeat(COARSE, axis=2)[:, :height, :width]
-    return np.flatnonzero(full)
+    plant = np.empty((cameras, height, width), dtype=bool)
+    for camera in range(cameras):
+        grid = np.stack(np.meshgrid([camera], rows, columns, indexing="ij"), axis=-1).reshape(-1, 3)
+        _, left, _, _, _ = render(field, views, grid.astype(np.int32), behind=False)
+        opaque = (left < 1 - FAINT).reshape(len(rows), len(columns))
+        grown = binary_dilation(opaque, np.ones((3, 3), dtype=bool))
+        plant[camera] = grown.repeat(COARSE, axis=0).repeat(COARSE, axis=1)[:height, :width]
+    return plant
 
 
-def _focused(chosen: Int[np.ndarray, " chosen"], pixels: int, rays: int, rng: np.random.Generator) -> Draw:
+def _anywhere(pixels: int, rays: int, rng: np.random.Generator) -> Draw:
+    return lambda: rng.integers(0, pixels, rays)
+
+
+def _focused(chosen: Bool[np.ndarray, "cameras height width"], rays: int, rng: np.random.Generator) -> Draw:
     """Three rays in four from the chosen pixels, the others from anywhere."""
-    near = 3 * rays // 4 if len(chosen) else 0
+    places = numbers_of(chosen)
+    near = 3 * rays // 4 if len(places) else 0
 
     def draw() -> Int[np.ndarray, " rays"]:
-        anywhere = rng.integers(0, pixels, rays - near)
-        return np.concatenate([chosen[rng.integers(0, len(chosen), near)], anywhere]) if near else anywhere
+        anywhere = rng.integers(0, chosen.size, rays - near)
+        return np.concatenate([places[rng.integers(0, len(places), near)], anywhere]) if near else anywhere
 
     return draw
 
 
+def numbers_of(chosen: Bool[np.ndarray, "cameras height width"]) -> Int[np.ndarray, " chosen"]:
+    """Flat numbers of the chosen pixels; four bytes each, for there may be a hundred million."""
+    return np.flatnonzero(chosen).astype(np.int32)
+
+
 def still_backgrounds(field: GridField, views: Views) -> UInt8[np.ndarray, "cameras height width 3"]:
     """What each pixel would show if the region were empty: the picture where it is, else what lies beyond."""
-    everything = pixels_at(np.arange(views.pixels), views.images.shape)
-    _, left, behind, _ = render(field, views, everything, behind=True)
-    learned = np.round(np.clip(behind, 0, 1) * 255).astype(np.uint8).reshape(views.images.shape)
-    return np.where(left.reshape(*views.images.shape[:3], 1) > CLEAR, views.images, learned)
+    backgrounds = np.empty_like(views.images)
+    for camera, image in enumerate(views.images):
+        _, left, behind, _, _ = render(field, views, views.pixels_of(camera), behind=True)
+        learned = np.round(np.clip(behind, 0, 1) * 255).astype(np.uint8).reshape(image.shape)
+        backgrounds[camera] = np.where(left.reshape(*image.shape[:2], 1) > CLEAR, image, learned)
+    return backgrounds
 
 
 def fine_tune(
@@ -184,58 +276,37 @@ def fine_tune(
     frame: Frame,
     schedule: Schedule,
     seed: int,
-    told: Told,
-) -> tuple[GridField, float]:
-    """Train a further frame from frame 0's field, where it changed. Returns the field and its mean squared error."""
+    course: Course,
+) -> GridField:
+    """Train a further frame from frame 0's field, where it changed."""
     views = views_of(frame)
     changed = changed_pixels(first.images, frame.images)
     rng = np.random.default_rng(seed)
     if not changed.any():
-        return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE), 0.0
+        return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE)
     draw = _changed_rays(changed, schedule.rays, rng)
     coarse = scaled_bricks(parent.bricks, 2)
     hull = carved_blocks(coarse, frame.rig, changed, CHANGE_AGREEMENT)
     field, trainable = forget(parent, None, hull, 2)
     count = round(COARSE_SHARE * schedule.iterations)
-    middle = count / schedule.iterations
-    _, seen = train(
-        field,
-        views,
-        backgrounds,
-        draw,
-        count,
-        rng,
-        rates=schedule.rates,
-        trainable=trainable,
-        decay=COARSE_DECAY,
-        progress=(0.0, middle),
-        told=told,
+    rates = schedule.rates
+    seen = train(
+        field, views, backgrounds, draw, count, rng, course, rates=rates, trainable=trainable, decay=COARSE_DECAY
     )
     shape = tuple(BLOCKS * n for n in parent.bricks.slots.shape)
     candidates = halved(hull, shape)
     found = halved(seen_blocks(field.bricks, seen, FOUND_WEIGHT) & unpack(trainable, field.bricks.slots), shape)
     fine = carved_blocks(parent.bricks, frame.rig, changed, CHANGE_AGREEMENT, within=candidates) & grown(found)
     field, trainable = forget(parent, field, fine, 1, gone=candidates)
-    loss, _ = train(
-        field,
-        views,
-        backgrounds,
-        draw,
-        schedule.iterations - count,
-        rng,
-        rates=schedule.rates,
-        trainable=trainable,
-        decay=FINE_DECAY,
-        progress=(middle, 1.0),
-        told=_shifted(told, count),
-    )
-    return field, loss
+    count = schedule.iterations - count
+    train(field, views, backgrounds, draw, count, rng, course, rates=rates, trainable=trainable, decay=FINE_DECAY)
+    return field
 
 
 def _changed_rays(changed: Bool[np.ndarray, "cameras height width"], rays: int, rng: np.random.Generator) -> Draw:
     """Most rays from pixels that changed, the others from around them: there must be nothing new."""
-    inside = np.flatnonzero(changed)
-    around = np.flatnonzero(binary_dilation(changed, np.ones((1, RING, RING), dtype=bool)) & ~changed)
+    inside = numbers_of(changed)
+    around = numbers_of(binary_dilation(changed, np.ones((1, RING, RING), dtype=bool)) & ~changed)
     near = rays if not len(around) else round(INSIDE * rays)
 
     def draw() -> Int[np.ndarray, " rays"]:
@@ -294,7 +365,3 @@ def trainable_vertices(masks: np.ndarray) -> Bool[np.ndarray, " rows"]:
     local = np.arange(ROWS_PER_BRICK)
     bit = ((local >> 6) >> 1 << 4) | (((local >> 3) & 7) >> 1 << 2) | ((local & 7) >> 1)
     return ((masks[:, None] >> bit.astype(np.uint64)) & np.uint64(1)).astype(bool).reshape(-1)
-
-
-def _shifted(told: Told, before: int) -> Told:
-    return lambda done, loss: told(before + done, loss)

@@ -23,6 +23,8 @@ from nerfmodal.field.marching import MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, 
 numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when it is too old
 
 CHUNKS = 2
+FAINTEST = 1e-3
+"""A ray less opaque than this meets nothing."""
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -213,20 +215,34 @@ def adam(values, gradients, touched, first, second, trainable, base, step, rates
                 )
 
 
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def crossing(samples, n, target):
+    """Where the accumulated weight of a ray's samples passes `target`, voxels."""
+    gone = 0.0
+    for sample in range(n):
+        weight = samples[sample, 7]
+        if gone + weight >= target:
+            return samples[sample, 0] + ((target - gone) / max(weight, 1e-9) - 0.5) * samples[sample, 1]
+        gone += weight
+    return 0.0
+
+
 @numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
 @no_type_check
 def render_pixels(
-    bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, use_outer, pixels, step, level
+    bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, use_outer, pixels, step
 ):
-    """Colour in front, transmittance, colour behind and distance (metres) of the rays through `pixels`.
+    """Colour in front, transmittance, colour behind, distance and spread (metres) of the rays through `pixels`.
 
-    The distance is where the ray's accumulated opacity passes `level` (0 where it never does).
+    The distance is the median of the ray's weights, the spread that between their quartiles; 0 where it meets nothing.
     """
     count = pixels.shape[0]
     front = np.zeros((count, 3), np.float32)
     behind = np.zeros((count, 3), np.float32)
     left = np.ones(count, np.float32)
     distance = np.zeros(count, np.float32)
+    spread = np.zeros(count, np.float32)
     base = masks.shape[0] * ROWS_PER_BRICK
     center = low + half
     for chunk in numba.prange(64):
@@ -256,15 +272,13 @@ def render_pixels(
                 samples,
             )
             left[index] = transmittance
-            gone = 0.0
             for sample in range(n):
-                weight = samples[sample, 7]
                 for channel in range(3):
-                    front[index, channel] += weight * samples[sample, 4 + channel]
-                if gone < level <= gone + weight:
-                    part = (level - gone) / weight - 0.5
-                    distance[index] = (samples[sample, 0] + part * step) * voxel
-                gone += weight
+                    front[index, channel] += samples[sample, 7] * samples[sample, 4 + channel]
+            total = 1.0 - transmittance
+            if total > FAINTEST:
+                distance[index] = crossing(samples, n, 0.5 * total) * voxel
+                spread[index] = (crossing(samples, n, 0.75 * total) - crossing(samples, n, 0.25 * total)) * voxel
             if use_outer:
                 n, _ = march_beyond(
                     outer,
@@ -291,4 +305,4 @@ def render_pixels(
                 for sample in range(n):
                     for channel in range(3):
                         behind[index, channel] += samples[sample, 7] * samples[sample, 4 + channel]
-    return front, left, behind, distance
+    return front, left, behind, distance, spread

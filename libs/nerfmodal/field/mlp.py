@@ -4,7 +4,7 @@ Space is scaled so that the region is [-1, 1] in every axis, contracted beyond i
 halved, so that the encoding's position lies in [-1, 1] everywhere.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +12,17 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from nerfmodal.errors import TrainingDiverged
 from nerfmodal.field.networks import RadianceField
 from nerfmodal.field.rendering import composite, composite_weights, depth_at, intervals
 from nerfmodal.field.sampling import importance_samples, stratified_samples
-from nerfmodal.field.views import Views, directions_of, pixels_at
+from nerfmodal.field.views import Views, directions_of
 
 REACH = 4.0
 """Rays end this many half-diagonals of the region behind its centre."""
 
-Rendered = tuple[Float[Tensor, "rays 3"], Float[Tensor, " rays"], Float[Tensor, " rays"]]
+QUARTILES = (0.25, 0.5, 0.75)
+
+Rendered = tuple[Float[Tensor, "rays 3"], Float[Tensor, " rays"], Float[Tensor, " rays"], Float[Tensor, " rays"]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,13 +34,6 @@ class MlpSettings:
     fine_samples: int = 192
     learning_rate: float = 5e-4
     rays_per_batch: int = 4096
-
-
-def squared_error(
-    coarse: Float[Tensor, "rays 3"], fine: Float[Tensor, "rays 3"], truth: Float[Tensor, "rays 3"]
-) -> Float[Tensor, ""]:
-    """Sum over the batch of the squared errors of both renderings (eq 9)."""
-    return ((coarse - truth) ** 2).sum() + ((fine - truth) ** 2).sum()  # eq 9
 
 
 class MlpField:
@@ -84,62 +78,23 @@ class MlpField:
                 {key[len(prefix) :]: torch.from_numpy(state[key].copy()) for key in state if key.startswith(prefix)}
             )
 
-    def train(
-        self,
-        views: Views,
-        iterations: int,
-        seed: int,
-        told: Callable[[int, float], None],
-    ) -> float:
-        """Minimise eq 9 for a number of iterations; returns the smoothed mean squared error of the fine colours.
-
-        Raises
-        ------
-        TrainingDiverged
-            When the loss is no number.
-        """
-        generator = torch.Generator(self.device).manual_seed(seed)
-        rng = np.random.default_rng(seed)
-        parameters = [*self.coarse.parameters(), *self.fine.parameters()]
-        optimiser = torch.optim.Adam(parameters, lr=self.settings.learning_rate)
-        schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1.0 / max(iterations, 1)))
-        mixed = self.device.type == "cuda"
-        scaler = torch.amp.GradScaler(self.device.type, enabled=mixed)
-        smooth = 0.0
-        for iteration in range(iterations):
-            pixels = pixels_at(rng.integers(0, views.pixels, self.settings.rays_per_batch), views.images.shape)
-            truth = torch.from_numpy(views.images[tuple(pixels.T)]).to(self.device, torch.float32) / 255.0
-            with torch.autocast(self.device.type, enabled=mixed):
-                (coarse, _, _), (fine, _, _) = self._render(views, pixels, generator)
-                loss = squared_error(coarse, fine, truth)
-            optimiser.zero_grad(set_to_none=True)
-            scaler.scale(loss).backward()  # type: ignore[no-untyped-call]
-            scaler.step(optimiser)
-            scaler.update()
-            schedule.step()
-            error = float(((fine.detach() - truth) ** 2).mean())
-            if not np.isfinite(error):
-                raise TrainingDiverged(f"the loss became {error} at iteration {iteration}.")
-            smooth = error if iteration == 0 else 0.9 * smooth + 0.1 * error
-            told(iteration + 1, smooth)
-        return smooth
-
     @torch.no_grad()
     def look(
-        self, views: Views, pixels: Int[np.ndarray, "rays 3"], level: float = 0.5
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Colour (rays, 3), opacity within the region (rays,) and distance at `level` (rays,) m; nothing random."""
+        self, views: Views, pixels: Int[np.ndarray, "rays 3"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Colour (rays, 3), opacity within the region, median distance and its spread (rays,) m; nothing random."""
         parts = []
         for start in range(0, len(pixels), self.settings.rays_per_batch):
             block = pixels[start : start + self.settings.rays_per_batch]
-            _, rendered = self._render(views, block, None, level)
+            _, rendered = self.render(views, block, None)
             parts.append([value.float().cpu().numpy() for value in rendered])
-        colors, opacity, distance = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return colors, opacity, distance
+        colors, opacity, distance, spread = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return colors, opacity, distance, spread
 
-    def _render(
-        self, views: Views, pixels: Int[np.ndarray, "rays 3"], generator: torch.Generator | None, level: float = 0.5
+    def render(
+        self, views: Views, pixels: Int[np.ndarray, "rays 3"], generator: torch.Generator | None
     ) -> tuple[Rendered, Rendered]:
+        """Coarse and fine colour, opacity within the region, distance and spread of rays; random by `generator`."""
         origins = torch.from_numpy(views.poses[pixels[:, 0], :3, 3]).to(self.device, torch.float32)
         directions = torch.from_numpy(directions_of(views, pixels)).to(self.device, torch.float32)
         center = torch.from_numpy((self.low + self.high) / 2).to(self.device, torch.float32)
@@ -147,14 +102,14 @@ class MlpField:
         away = (center - origins).norm(dim=-1)
         nears, fars = (away - radius).clamp(min=0.02 * radius), away + REACH * radius
         t, edges = stratified_samples(nears, fars, self.settings.coarse_samples, generator)
-        coarse, weights = self._composite(self.coarse, origins, directions, t, fars, level)
+        coarse, weights = self._composite(self.coarse, origins, directions, t, fars)
         more = importance_samples(edges, weights.detach(), self.settings.fine_samples, generator)
         union, _ = torch.sort(torch.cat([t, more], dim=-1), dim=-1)
-        fine, _ = self._composite(self.fine, origins, directions, union, fars, level)
+        fine, _ = self._composite(self.fine, origins, directions, union, fars)
         return coarse, fine
 
     def _composite(
-        self, network: RadianceField, origins: Tensor, directions: Tensor, t: Tensor, fars: Tensor, level: float
+        self, network: RadianceField, origins: Tensor, directions: Tensor, t: Tensor, fars: Tensor
     ) -> tuple[Rendered, Tensor]:
         points = origins[:, None] + t[..., None] * directions[:, None]
         scaled = self._scaled(points)
@@ -163,9 +118,10 @@ class MlpField:
         unit = float(np.linalg.norm(self.high - self.low)) / 2
         delta = intervals(t, fars) / unit
         weights, _ = composite_weights(density.reshape(t.shape).float(), delta)
-        inside = (scaled.abs().amax(dim=-1) <= 1.0).float()
-        image = composite(weights, colors.reshape(*t.shape, 3).float())
-        return (image, (weights * inside).sum(dim=-1), depth_at(weights * inside, t, level)), weights
+        inside = weights * (scaled.abs().amax(dim=-1) <= 1.0).float()
+        opacity = inside.sum(dim=-1)
+        near, middle, far = (depth_at(inside, t, share * opacity) for share in QUARTILES)
+        return (composite(weights, colors.reshape(*t.shape, 3).float()), opacity, middle, far - near), weights
 
     def _scaled(self, points: Tensor) -> Tensor:
         low = torch.from_numpy(self.low).to(points)

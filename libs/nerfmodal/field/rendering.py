@@ -31,9 +31,9 @@ def composite(
 
 
 def depth_at(
-    weights: Float[Tensor, "rays samples"], t: Float[Tensor, "rays samples"], level: float
+    weights: Float[Tensor, "rays samples"], t: Float[Tensor, "rays samples"], level: Float[Tensor, " rays"]
 ) -> Float[Tensor, " rays"]:
-    """Distance at which the accumulated opacity passes `level`; 0 where it never does."""
-    reached = weights.cumsum(dim=-1) >= level
+    """Distance at which the accumulated opacity passes the ray's `level`; 0 where it never does, or that is 0."""
+    reached = (weights.cumsum(dim=-1) >= level[:, None]) & (level > 0)[:, None]
     first = reached.int().argmax(dim=-1, keepdim=True)
     return torch.where(reached.any(dim=-1), t.gather(-1, first)[:, 0], torch.zeros_like(t[:, 0]))

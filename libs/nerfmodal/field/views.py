@@ -28,6 +28,11 @@ class Views:
         """Pixels of all pictures together."""
         return int(np.prod(self.images.shape[:3]))
 
+    def pixels_of(self, camera: int) -> Int[np.ndarray, "pixels 3"]:
+        """All pixels (camera, row, column) of one camera."""
+        each = int(np.prod(self.images.shape[1:3]))
+        return pixels_at(np.arange(camera * each, (camera + 1) * each), self.images.shape)
+
 
 def views_of(frame: Frame) -> Views:
     """The views of a frame."""

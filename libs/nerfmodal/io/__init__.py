@@ -5,11 +5,13 @@ from nerfmodal.io.checkpoints import read_checkpoint, write_checkpoint
 from nerfmodal.io.clouds import read_cloud, write_cloud
 from nerfmodal.io.frames import read_frame, write_frame
 from nerfmodal.io.results import read_result, write_result
+from nerfmodal.io.resume import ResumeFile
 from nerfmodal.io.sequences import CloudSequence, open_clouds
 from nerfmodal.io.truth import read_truth, write_truth
 
 __all__ = [
     "CloudSequence",
+    "ResumeFile",
     "atomic_write",
     "open_clouds",
     "read_checkpoint",

@@ -21,8 +21,10 @@ def train_frame(job: Job, report: Report) -> Produced:
 
 def _train(job: Job, report: Report) -> Checkpoint:
     first = io.read_frame(job.needed("frame", 0))
+    unfinished = job.out / "training.safetensors"
+    resume = io.ResumeFile(unfinished, start=job.resume, kept=job.save, every_s=job.save_every_s)
     if job.frame == WHOLE_SCAN:
-        return pipeline.fit_first(job.spec, first, report=report)
+        return pipeline.fit_first(job.spec, first, report=report, resume=resume)
     parent = io.read_checkpoint(job.needed("checkpoint", WHOLE_SCAN))
     frame = first if job.frame == 0 else io.read_frame(job.needed("frame", job.frame))
-    return pipeline.fine_tune(job.spec, parent, first, frame, report=report)
+    return pipeline.fine_tune(job.spec, parent, first, frame, report=report, resume=resume)

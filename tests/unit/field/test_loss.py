@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from nerfmodal.field.mlp import MlpField, MlpSettings, squared_error
+from nerfmodal.field.mlp import MlpField, MlpSettings
+from nerfmodal.field.mlp_training import squared_error
 
 
 def test_coarse_and_fine_errors_add_up() -> None:

@@ -1,0 +1,162 @@
+"""Training speed against the machine's own limits (roofline, Williams et al. 2009), and memory at the paper's size."""
+
+import multiprocessing
+import resource
+from collections.abc import Iterator
+from time import perf_counter
+from typing import no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Int
+from nerfmodal import pipeline
+from nerfmodal.field import grid, marching
+from nerfmodal.field.course import Course
+from nerfmodal.field.grid import grid_of
+from nerfmodal.field.views import CELL, Views, pixels_at, views_of
+from nerfmodal.types import Camera, Frame, Rig
+
+from benchmarks.films import Film, palm
+from benchmarks.geometry import silent
+from benchmarks.rows import Row
+
+RAYS = 4096
+BATCHES = 100
+BYTES_PER_SAMPLE = 8 * 16 * 3
+"""Eight corners of four floats: gathered, and their gradients read and written."""
+FLOPS_PER_SAMPLE = 8 * (4 * 2 * 2 + 6) + 60
+"""Eight corners' weights, multiply-adds forward and backward; compositing and its derivative."""
+ENLARGED = 8
+GIBIBYTE = 2**30
+
+
+def roofline_rows(film: Film) -> Iterator[Row]:
+    """Rays per second of the training loop, as a share of what memory or arithmetic would allow."""
+    first = film.frame(0)
+    views = views_of(first)
+    field = grid_of(pipeline.fit_first(film.spec, first, report=silent).state)
+    rng = np.random.default_rng(0)
+    draws = iter([rng.integers(0, views.pixels, RAYS) for _ in range(2 * BATCHES)])
+    samples = _samples_per_ray(field, views, rng.integers(0, views.pixels, 16 * RAYS))
+
+    def train() -> None:
+        grid.train(field, views, None, lambda: next(draws), BATCHES, rng, Course(BATCHES, _silent), rates=grid.Rates())
+
+    train()
+    began = perf_counter()
+    train()
+    rate = BATCHES * RAYS / (perf_counter() - began)
+    bandwidth, arithmetic = _bandwidth(), _arithmetic()
+    limit = min(bandwidth / (samples * BYTES_PER_SAMPLE), arithmetic / (samples * FLOPS_PER_SAMPLE))
+    print(
+        f"  {rate / 1e3:.0f}k rays/s of {samples:.1f} samples on {numba.get_num_threads()} threads; the machine: "
+        f"{bandwidth / 1e9:.1f} GB/s, {arithmetic / 1e9:.1f} Gflop/s"
+    )
+    yield Row(what="training rays per second against the roofline", value=rate / limit, unit="", floor=0.15, aim=0.5)
+
+
+def memory_rows(film: Film) -> Iterator[Row]:
+    """Peak memory of a process that trains frame 0, then a further frame, and extracts it."""
+    del film
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        peak = pool.apply(_peak_of_full_size)
+    yield Row(what="peak memory at 50 views of 1920x1080", value=peak / GIBIBYTE, unit="GiB", floor=4, aim=2)
+
+
+def _peak_of_full_size() -> float:
+    small = Film(spec=palm(views=50, frames=2, width=1920 // ENLARGED, height=1080 // ENLARGED))
+    first, second = (_enlarged(small.frame(index)) for index in range(2))
+    few = small.spec.reconstruction.model_copy(update={"iterations": 100})
+    spec = small.spec.model_copy(update={"reconstruction": few})
+    parent = pipeline.fit_first(spec, first, report=silent)
+    tuned = pipeline.fine_tune(spec, parent, first, second, report=silent)
+    pipeline.extract(spec, tuned, second, report=silent)
+    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _enlarged(frame: Frame) -> Frame:
+    images = frame.images.repeat(ENLARGED, axis=1).repeat(ENLARGED, axis=2)
+    rig = Rig(cameras=tuple(_larger(camera) for camera in frame.rig.cameras))
+    return Frame(index=frame.index, time=frame.time, images=images, rig=rig)
+
+
+def _larger(camera: Camera) -> Camera:
+    return Camera(
+        name=camera.name,
+        width=camera.width * ENLARGED,
+        height=camera.height * ENLARGED,
+        focal_x=camera.focal_x * ENLARGED,
+        focal_y=camera.focal_y * ENLARGED,
+        center_x=camera.center_x * ENLARGED,
+        center_y=camera.center_y * ENLARGED,
+        camera_to_world=camera.camera_to_world,
+    )
+
+
+def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, " rays"]) -> float:
+    pixels = pixels_at(flat, views.images.shape)
+    bricks = field.bricks
+    counted = _count(
+        bricks.slots, bricks.masks, field.values, field.half, bricks.low, bricks.voxel, views.table, views.poses, pixels
+    )
+    return float(counted / len(pixels)) + 1.0  # and one of the ground or the sky
+
+
+@numba.njit
+@no_type_check
+def _count(slots, masks, values, half, low, voxel, table, poses, pixels):
+    rows = np.empty((marching.MAX_SAMPLES, 8), np.int32)
+    weights = np.empty((marching.MAX_SAMPLES, 8), np.float32)
+    samples = np.empty((marching.MAX_SAMPLES, 8), np.float64)
+    total = 0
+    for index in range(len(pixels)):
+        camera, row, column = pixels[index]
+        dx, dy, dz = marching.ray_of(table, poses, camera, row, column, CELL)
+        x, y, z = poses[camera, 0, 3] - low[0], poses[camera, 1, 3] - low[1], poses[camera, 2, 3] - low[2]
+        n, _, _ = marching.march_inner(
+            slots, masks, values, half, voxel, x / voxel, y / voxel, z / voxel, dx, dy, dz, grid.STEP, 0.5,
+            rows, weights, samples,
+        )  # fmt: skip
+        total += n
+    return total
+
+
+def _bandwidth(megabytes: int = 256, times: int = 5) -> float:
+    """Bytes per second of a[i] = b[i] + s c[i] (STREAM's triad, McCalpin 1995), the best of several."""
+    a, b, c = (np.ones(megabytes * 2**20 // 8) for _ in range(3))
+    _triad(a, b, c)
+    return max(3 * a.nbytes / _timed(_triad, a, b, c) for _ in range(times))
+
+
+def _arithmetic(rounds: int = 200_000, times: int = 5) -> float:
+    """Single-precision operations per second of independent multiply-adds, the best of several."""
+    threads = numba.get_num_threads()
+    _multiply_add(rounds, threads)
+    return max(threads * rounds * 64 * 2 / _timed(_multiply_add, rounds, threads) for _ in range(times))
+
+
+def _timed(work, *arguments) -> float:  # type: ignore[no-untyped-def]
+    began = perf_counter()
+    work(*arguments)
+    return perf_counter() - began
+
+
+@numba.njit(parallel=True, fastmath=True)
+@no_type_check
+def _triad(a, b, c):
+    for index in numba.prange(len(a)):
+        a[index] = b[index] + 3.0 * c[index]
+
+
+@numba.njit(parallel=True, fastmath=True)
+@no_type_check
+def _multiply_add(rounds, threads):
+    sums = np.zeros(threads)
+    for thread in numba.prange(threads):
+        lanes = np.arange(64).astype(np.float32)
+        factor, term = np.float32(0.999), np.float32(1e-3 * thread)
+        for _ in range(rounds):
+            for lane in range(64):
+                lanes[lane] = lanes[lane] * factor + term
+        sums[thread] = lanes.sum()
+    return sums.sum()
