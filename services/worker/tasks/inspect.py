@@ -7,9 +7,14 @@ from nerfmodal.spec import CloudsSource
 from services.worker.job import Job, Produced
 
 
-def inspect_source(job: Job, report: Report) -> Produced:  # noqa: ARG001
-    """No file; the fact `frames`. Raises `InvalidCapture`, `InvalidClouds` or `MissingExtra`."""
-    pipeline.check_source(job.spec)
+def inspect_source(job: Job, report: Report) -> Produced:
+    """No file; the fact `frames`, and how many pictures a capture lacks. What a capture does not say is found out here.
+
+    Raises `InvalidCapture`, `InvalidClouds`, `InvalidSpec` or `MissingExtra`.
+    """
+    opened = pipeline.open_source(job.spec, report=report)
+    pipeline.check_source(job.spec, opened, report=report)
     if isinstance(job.spec.source, CloudsSource):
         return Produced(files=(), facts={"frames": 0})
-    return Produced(files=(), facts={"frames": len(pipeline.frame_times(job.spec))})
+    facts = {"frames": len(pipeline.frame_times(job.spec, opened))}
+    return Produced(files=(), facts=facts | ({} if opened is None else {"missing_pictures": len(opened.missing)}))

@@ -93,6 +93,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[Any, ...]]:
     stage("extract", CLOUD)
     stage("identify", "result")
     stage("publish", written)
+    stage("open_source", None)
     stage("check_source", None)
     stage("frame_times", (0.0, 0.5, 1.0))
     stage("read_clouds", lambda: iter((CLOUD, CLOUD)))
