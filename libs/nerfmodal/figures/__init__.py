@@ -1,7 +1,7 @@
 """The pictures of a scan: the paper's Figures 4 to 9 and the report's, each a function from values to a figure."""
 
 from nerfmodal.figures.album import draw
-from nerfmodal.figures.cameras import camera_views
+from nerfmodal.figures.cameras import camera_views, plant_views
 from nerfmodal.figures.clouds import cloud
 from nerfmodal.figures.eigenvalues import eigenvalues
 from nerfmodal.figures.films import film, write_film
@@ -19,6 +19,7 @@ __all__ = [
     "magnified_frames",
     "modal_coordinates",
     "mode_shapes",
+    "plant_views",
     "principal_components",
     "save",
     "stabilisation",

@@ -1,11 +1,11 @@
-"""All pictures of a scan as files: `cameras.png`, `cloud.png`, six for every organ and a film of every mode."""
+"""All pictures of a scan as files: of the scan, of every organ, and a film of every mode."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from nerfmodal.figures.cameras import camera_views
+from nerfmodal.figures.cameras import camera_views, plant_views
 from nerfmodal.figures.clouds import cloud as draw_cloud
 from nerfmodal.figures.eigenvalues import eigenvalues
 from nerfmodal.figures.films import write_film
@@ -31,6 +31,7 @@ def draw(result: ScanResult, frame: Frame | None, cloud: PointCloud | None, fold
 
 def _figures(result: ScanResult, frame: Frame | None, cloud: PointCloud | None) -> Iterator[tuple[str, Figure]]:
     if frame is not None:
+        yield "plant", plant_views(frame)
         yield "cameras", camera_views(frame)
     if cloud is not None:
         yield "cloud", draw_cloud(cloud, result)

@@ -1,6 +1,9 @@
 """The report is one valid file: it says every number with its reason and asks nothing of the network."""
 
 import base64
+import re
+import shutil
+import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -8,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nerfmodal.export import render_report
-from nerfmodal.export.report import measured
+from nerfmodal.export.numbers import interval, measured
+from nerfmodal.export.words import VERDICTS
+from nerfmodal.spec import PlantSpec
 from nerfmodal.types import Outcome, Reason, ScanResult
 from PIL import Image
 
@@ -51,7 +56,10 @@ def pictures(tmp_path: Path) -> tuple[Path, ...]:
     names = ("cloud", "leaf_0_shapes", "trunk_shapes", "elsewhere_shapes")
     for index, name in enumerate(names):
         Image.fromarray(np.full((4, 4, 3), 40 * index, dtype=np.uint8)).save(tmp_path / f"{name}.png")
-    return tuple(tmp_path / f"{name}.png" for name in names)
+    films = ("leaf_0_mode_0.mp4", "leaf_0_mode_0.gif", "leaf_0_mode_7.mp4")
+    for name in films:
+        (tmp_path / name).write_bytes(name.encode())
+    return (*(tmp_path / f"{name}.png" for name in names), *(tmp_path / name for name in films))
 
 
 def test_every_number_stands_with_its_deviation_and_every_reason_in_words():
@@ -68,16 +76,84 @@ def test_what_was_measured_is_said():
         assert fact in words
 
 
+def embedded(attributes: list[tuple[str, str]], kind: str) -> list[bytes]:
+    """What stands in the page as data of this media type."""
+    sources = [value for name, value in attributes if name == "src" and value.startswith(f"data:{kind};base64,")]
+    return [base64.b64decode(source.partition(",")[2]) for source in sources]
+
+
 def test_pictures_are_inside_the_file_byte_for_byte(pictures):
-    sources = [value for name, value in page(pictures=pictures).attributes if name == "src"]
-    embedded = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in sources]
-    assert embedded == [path.read_bytes() for path in pictures[:3]]
+    assert embedded(page(pictures=pictures).attributes, "image/png") == [path.read_bytes() for path in pictures[:3]]
+
+
+def test_film_of_a_mode_plays_inside_the_file(pictures):
+    parsed = page(pictures=pictures)
+    assert embedded(parsed.attributes, "video/mp4") == [b"leaf_0_mode_0.mp4"]
+    assert "Mode 0, 2.17 Hz" in " ".join(parsed.words)
 
 
 def test_nothing_is_fetched_from_anywhere(pictures):
-    links = [value for name, value in page(pictures=pictures).attributes if name in {"src", "href", "data"}]
+    links = [value for name, value in page(pictures=pictures).attributes if name in {"src", "href", "data", "poster"}]
     assert links
-    assert all(link.startswith(("data:image/png;base64,", "#")) for link in links)
+    assert all(link.startswith(("data:image/png;base64,", "data:video/mp4;base64,", "#")) for link in links)
+    html = render_report(SPEC, RESULT, small_frame(), small_cloud(), pictures)
+    assert not re.search(r"https?://|url\(|@import|<script|<link", html)
+
+
+def test_every_link_in_the_page_leads_somewhere(pictures):
+    attributes = page(pictures=pictures).attributes
+    targets = {value for name, value in attributes if name == "id"}
+    assert {value[1:] for name, value in attributes if name == "href"} <= targets
+
+
+@pytest.mark.parametrize(
+    ("given", "found", "words"),
+    [
+        ("auto", "free_decay", "free decay (pulled and let go); recognised: damped sinusoids explain nearly all"),
+        ("auto", "ambient", "ambient (wind or another random force); recognised: damped sinusoids leave"),
+        ("harmonic", "harmonic", "steady harmonic motion; given in the specification"),
+    ],
+)
+def test_excitation_is_said_with_how_it_is_known(given, found, words):
+    spec = SPEC.model_copy(update={"identification": SPEC.identification.model_copy(update={"excitation": given})})
+    assert words in " ".join(page(replace(RESULT, excitation=found), spec=spec).words)
+
+
+def test_it_says_how_to_cite_it_and_what_each_verdict_means():
+    words = " ".join(page().words)
+    assert "Full-Field 3D Structural Dynamics via Neural Radiance Fields" in words
+    assert f"specification SHA-256 {'ab' * 8}, seed 7, 2025-01-02" in words
+    assert "4 modes of 2 organs: 2 accepted, 1 doubtful, 1 rejected" in words
+    assert all(meaning in words for meaning in VERDICTS.values())
+
+
+def test_which_plant_was_scanned_is_said():
+    plant = PlantSpec(id="pot_17", position="bench 3", treatment="drought")
+    words = " ".join(page(spec=SPEC.model_copy(update={"plant": plant, "tags": ("week_4",)})).words)
+    assert "pot_17, bench 3, drought" in words
+    assert "week_4" in words
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+def test_in_a_browser_nothing_overflows_a_narrow_window(pictures, tmp_path: Path):
+    html = render_report(SPEC, RESULT, small_frame(), small_cloud(), pictures)
+    measure = "document.title = document.documentElement.scrollWidth + ' of ' + window.innerWidth"
+    (tmp_path / "report.html").write_text(html.replace("</body>", f"<script>{measure}</script></body>"))
+    arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=500,900", "--dump-dom"]
+    folder = f"--user-data-dir={tmp_path / 'profile'}"
+    done = subprocess.run(
+        [CHROMIUM, *arguments, folder, f"file://{tmp_path / 'report.html'}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    found = re.search(r"<title>(\d+) of (\d+)</title>", done.stdout)
+    assert found, done.stderr[-2000:]
+    assert int(found[1]) <= int(found[2])
 
 
 def test_a_scan_without_modes_says_why():
@@ -104,3 +180,11 @@ def test_names_cannot_break_out_of_the_page():
 )
 def test_a_value_has_the_digits_its_uncertainty_allows(value, std, words):
     assert measured(value, std, 100.0) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "words"),
+    [(2.17, 0.003, "2.1641 … 2.1759"), (2.17, None, "–"), (None, None, "–"), (0.01, 0.02, "-0.029 … 0.049")],
+)
+def test_an_interval_is_196_deviations_to_both_sides(value, std, words):
+    assert interval(value, std) == words

@@ -13,9 +13,11 @@ from nerfmodal.figures import (
     magnified_frames,
     modal_coordinates,
     mode_shapes,
+    plant_views,
     principal_components,
     save,
 )
+from nerfmodal.figures.cameras import sides
 from nerfmodal.figures.clouds import organ_labels
 from nerfmodal.figures.eigenvalues import covariance_eigenvalues
 from nerfmodal.figures.shapes import SWING, drawn_mode
@@ -55,6 +57,17 @@ def test_mosaic_shows_at_most_twelve_views_and_names_their_cameras():
     assert len(figure.axes) == 12
     assert {axes.get_title() for axes in figure.axes} <= names
     np.testing.assert_array_equal(figure.axes[0].images[0].get_array(), frame.images[0])
+
+
+def test_the_plant_is_shown_from_two_sides_that_differ():
+    frame = small_frame()
+    first, second = sides(frame)
+    ways = [frame.rig.cameras[view].camera_to_world[:3, 2] for view in (first, second)]
+    assert abs(ways[0][:2] @ ways[1][:2]) < 0.5
+    assert max(abs(way[2]) for way in ways) < 0.6
+    assert [axes.get_title() for axes in plant_views(frame).axes] == [
+        frame.rig.cameras[view].name for view in (first, second)
+    ]
 
 
 def test_eigenvalues_sum_to_the_mean_square_displacement():
@@ -197,10 +210,10 @@ def test_album_has_every_picture_and_equal_results_give_equal_bytes(tmp_path: Pa
     first = draw(result, small_frame(), small_cloud(), tmp_path / "a")
     again = draw(result, small_frame(), small_cloud(), tmp_path / "b")
     names = [path.name for path in first]
-    assert names[:2] == ["cameras.png", "cloud.png"]
+    assert names[:3] == ["plant.png", "cameras.png", "cloud.png"]
     whats = ("shapes", "coordinates", "magnified", "components", "eigenvalues")
-    assert set(names[2:7]) == {f"trunk_{what}.png" for what in whats}
-    assert names[7:] == ["trunk_mode_0.mp4", "trunk_mode_0.gif"]
+    assert set(names[3:8]) == {f"trunk_{what}.png" for what in whats}
+    assert names[8:] == ["trunk_mode_0.mp4", "trunk_mode_0.gif"]
     for path, other in zip(first, again, strict=True):
         assert path.suffix == ".mp4" or path.read_bytes() == other.read_bytes()  # x264 promises no equal bytes
 
