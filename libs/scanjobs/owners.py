@@ -90,6 +90,13 @@ def authenticate(session: Session, secret: str) -> ApiKey | None:
     return session.scalars(query).one_or_none()
 
 
+def is_alive(session: Session, key_id: str) -> bool:
+    """Whether the key still opens anything."""
+    alive = or_(ApiKey.expires_at.is_(None), ApiKey.expires_at > now_s())
+    query = select(ApiKey.id).where(ApiKey.id == key_id, ApiKey.revoked_at.is_(None), alive)
+    return session.scalars(query).one_or_none() is not None
+
+
 def note_use(session: Session, key_id: str) -> None:
     """Remember that the key was used now, to within ten minutes."""
     old = or_(ApiKey.last_used_at.is_(None), ApiKey.last_used_at < now_s() - NOTED_EVERY_S)

@@ -19,6 +19,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from scanjobs import account_tables as account_tables  # every table is in Base.metadata as soon as one is
+from scanjobs.clock import transaction_number
 from scanjobs.table_base import Base as Base
 from scanjobs.table_base import Counter, Digest, Id, Word
 from scanjobs.table_base import table_of as table_of
@@ -214,7 +215,7 @@ class Event(Base):
     to_state: Mapped[str] = mapped_column(Word)
     reason: Mapped[str] = mapped_column(String(64), default="")
     at: Mapped[float]
-    transaction_number: Mapped[int] = mapped_column(BigInteger, server_default="0")
+    transaction_number: Mapped[int] = mapped_column(BigInteger, default=transaction_number(), server_default="0")
     """PostgreSQL's number of the transaction that wrote it: ids alone are not in the order of the commits."""
 
 

@@ -14,8 +14,9 @@ from services.api.cursors import Cursors
 from services.api.dependencies import Parts
 from services.api.doorkeeper import Doorkeeper
 from services.api.middleware import BodyLimit, RequestIds
+from services.api.news import News
 from services.api.openapi import document_refusals
-from services.api.routes import artifacts, captures, health, info, keys, metrics, modes, scans, uploads
+from services.api.routes import artifacts, captures, events, health, info, keys, metrics, modes, scans, uploads
 
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
@@ -32,12 +33,14 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
         settings=settings,
         store=store,
         cursors=Cursors(store),
+        news=News(store),
         artifacts=artifact_store or open_artifacts(settings),
     )
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
+        await parts.news.close()
         if own:
             parts.store.close()
 
@@ -53,7 +56,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     app.add_middleware(RequestIds)
     metrics.install(app)
     errors.install(app)
-    for module in (scans, modes, artifacts, uploads, captures, keys, info, health, metrics):
+    for module in (scans, events, modes, artifacts, uploads, captures, keys, info, health, metrics):
         app.include_router(module.router)
     document_refusals(app)
     return app

@@ -14,6 +14,7 @@ from scanjobs.store import Store
 
 from services.api.cursors import Cursors
 from services.api.errors import RequestRefused
+from services.api.news import News
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +25,7 @@ class Parts:
     store: Store
     artifacts: ArtifactStore
     cursors: Cursors
+    news: News
 
 
 async def parts_of(request: Request) -> Parts:
