@@ -13,7 +13,7 @@ from jaxtyping import Float
 from nerfmodal.identify.metrics import mac_matrix, pair
 from nerfmodal.identify.reduction import PrincipalAxes
 from nerfmodal.identify.shapes import unit_max
-from nerfmodal.types import DisplacementMatrix, Opinion
+from nerfmodal.types import Diagram, DisplacementMatrix, Opinion
 
 ALIKE = 0.8
 """MAC from which two methods are said to agree on a mode."""
@@ -48,6 +48,7 @@ class Reading:
     local: Float[np.ndarray, "kept modes"]
     shapes: Float[np.ndarray, "dofs modes"]
     coordinates: Float[np.ndarray, "frames modes"]
+    diagram: Diagram | None = None
 
     def opinion(self, displacement: DisplacementMatrix) -> Opinion:
         """The reading as it is kept in the result."""
@@ -58,6 +59,7 @@ class Reading:
             damping_ratios=self.damping_ratios,
             mode_shapes=self.shapes.reshape(sensors, axes, len(self.frequencies)),
             coordinates=self.coordinates,
+            diagram=self.diagram,
         )
 
 

@@ -17,7 +17,7 @@ from nerfmodal.identify.readings import Reading, Record, normalised
 from nerfmodal.identify.shapes import coordinates_of, rotate_to_real
 from nerfmodal.identify.spectra import resample_evenly
 from nerfmodal.identify.whittle import SLOPES, refine_resonance
-from nerfmodal.types import DisplacementMatrix
+from nerfmodal.types import Diagram, DisplacementMatrix
 
 LOWEST_HZ = 0.35
 FEWEST_LAGS, MOST_LAGS = 8, 20
@@ -117,6 +117,17 @@ def read_poles(
         local=local,
         shapes=shapes,
         coordinates=at_frames(displacement, coordinates),
+        diagram=diagram_of(poles),
+    )
+
+
+def diagram_of(poles: Sequence[Pole]) -> Diagram:
+    """The poles as the arrays that a picture is drawn from."""
+    return Diagram(
+        orders=np.array([pole.order for pole in poles], dtype=int),
+        frequencies=np.array([pole.frequency for pole in poles], dtype=float),
+        damping_ratios=np.array([pole.damping_ratio for pole in poles], dtype=float),
+        stable=np.array([pole.stable for pole in poles], dtype=bool),
     )
 
 

@@ -34,6 +34,9 @@ def test_a_minute_of_wind_holds_all_modes(seed: int) -> None:
     methods = {"damped_sinusoids", "complexity_pursuit", "subspace", "frequency_domain"}
     assert {opinion.method for opinion in result.opinions} == methods
     assert all("frequency_domain" in model.quality[index].agreeing for index in accepted)
+    diagram = next(opinion.diagram for opinion in result.opinions if opinion.method == "subspace")
+    columns = np.abs(np.subtract.outer(diagram.frequencies[diagram.stable], FREQUENCIES)) < 0.02 * FREQUENCIES
+    assert columns.sum(axis=0).min() >= 5  # a column of stable poles stands at every mode
 
 
 def test_three_seconds_of_wind_are_never_accepted_as_ambient() -> None:
