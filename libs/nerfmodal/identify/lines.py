@@ -84,7 +84,7 @@ def find_line(
     lines, directions = _new_directions(grid, model)
     if not len(lines):
         return None
-    white = _whitened(residuals)
+    white = whitened(residuals)
     observed = _likelihood_ratios(directions, white[None])[:, 0]
     best = int(np.argmax(observed))
     # a residual lies outside the model and its shuffles do not: they get the share back that the model took
@@ -136,7 +136,8 @@ def _new_directions(grid: Grid, model: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return grid.lines[new], np.stack([first[new], second[new]], axis=1)
 
 
-def _whitened(residuals: np.ndarray) -> np.ndarray:
+def whitened(residuals: Float[np.ndarray, "frames channels"]) -> Float[np.ndarray, "frames independent"]:
+    """Orthonormal columns of the same span: what is rounding of another channel is left out."""
     left, singular, _ = np.linalg.svd(residuals, full_matrices=False)
     return np.asarray(left[:, singular > 1e-9 * singular[0]])
 

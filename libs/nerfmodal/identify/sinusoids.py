@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy import linalg
 
-from nerfmodal.identify.lines import candidate_grid, damped_columns, find_line
+from nerfmodal.identify.lines import Grid, candidate_grid, damped_columns, find_line, whitened
 from nerfmodal.identify.projection import Bounds, refine
+from nerfmodal.identify.windows import Windows, windows_of
 
 LOWEST_HZ = 0.35
 HIGHEST_SHARE = 0.47
@@ -29,6 +30,8 @@ SETTLED = np.array([1e-5, 1e-6])
 """Change of (frequency Hz, damping ratio) below which another round is worth nothing."""
 CLOSEST = 0.1
 """Two lines closer than this over the record's length are one line split in two."""
+LONG_S = 12.0
+"""A longer record is searched by windows: its sharp lines fall between those of the grid."""
 NOTHING_LEFT = 1e-10
 """Share of the energy below which the residual is rounding, not noise."""
 CHANNEL_FLOOR = 1e-6
@@ -110,22 +113,34 @@ def fit_sinusoids(
     rng
         Draws the shuffles.
     """
-    grid = candidate_grid(times, max(1.0 / (times[-1] - times[0]), LOWEST_HZ), HIGHEST_SHARE * frame_rate)
+    span = times[-1] - times[0]
+    low, high = max(1.0 / span, LOWEST_HZ), HIGHEST_SHARE * frame_rate
+    search: Grid | Windows = (
+        windows_of(times, frame_rate, low, high) if span > LONG_S else candidate_grid(times, low, high)
+    )
     lines = np.zeros((0, 2))
     total = ((channels - channels.mean(axis=0)) ** 2).sum()
     while len(lines) < max_modes:
         residuals = _solve_linear(times, channels, lines)[1]
         if (residuals**2).sum() <= NOTHING_LEFT * total:
             break
-        line = find_line(times, residuals, lines, grid=grid, rng=rng)
+        line = _find(times, residuals, lines, search, rng)
         if line is None:
             break
         grown = fit_lines(times, channels, np.vstack([lines, line]), frame_rate=frame_rate)
         if _split(grown, times):
-            grid = grid.without(line[0], 1.0 / (times[-1] - times[0]))  # misfit of a line that is there already
+            search = search.without(line[0], 1.0 / span)  # misfit of a line that is there already
             continue
         lines = grown
     return _summarise(times, channels, lines)
+
+
+def _find(
+    times: np.ndarray, residuals: np.ndarray, lines: np.ndarray, search: Grid | Windows, rng: np.random.Generator
+) -> np.ndarray | None:
+    if isinstance(search, Grid):
+        return find_line(times, residuals, lines, grid=search, rng=rng)
+    return search.find(whitened(residuals), 1 - (2 * len(lines) + 1) / len(times), rng)
 
 
 def fit_lines(
