@@ -35,7 +35,7 @@ def test_a_minute_of_wind_holds_all_modes(seed: int) -> None:
     assert {opinion.method for opinion in result.opinions} == methods
     assert all("frequency_domain" in model.quality[index].agreeing for index in accepted)
     diagram = next(opinion.diagram for opinion in result.opinions if opinion.method == "subspace")
-    columns = np.abs(np.subtract.outer(diagram.frequencies[diagram.stable], FREQUENCIES)) < 0.02 * FREQUENCIES
+    columns = np.abs(np.subtract.outer(diagram.frequencies[diagram.stable], FREQUENCIES)) < 0.02 * np.array(FREQUENCIES)
     assert columns.sum(axis=0).min() >= 5  # a column of stable poles stands at every mode
 
 
