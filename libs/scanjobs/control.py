@@ -1,6 +1,6 @@
 """What a user may do to a scan that has been submitted: cancel it, or have it run again from some step on."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from nerfmodal.spec import ScanSpec
 from sqlalchemy import delete, select
@@ -58,7 +58,9 @@ def retry_scan(
     plan = _without_partials(_whole_plan(scan, from_kind))
     _check_kind(plan, from_kind)
     afresh = frozenset(step.key for step in plan if _is_asked(step.key, from_kind, frames))
-    inherited = Inheritance(_kept(session, scan, plan, afresh), afresh)
+    kept = _kept(session, scan, plan, afresh)
+    missing = _missing(plan, kept, made_dropped(session, scan))
+    inherited = Inheritance({key: step for key, step in kept.items() if key not in missing}, afresh | missing)
     values = {
         "generation": scan.generation + 1,
         "error": None,
@@ -133,10 +135,15 @@ def _kept(
     for step in plan:  # parents come before their children
         if step.key in finished and step.key not in afresh and all(parent in kept for parent in step.parents):
             kept[step.key] = finished[step.key]
-    dropped = made_dropped(session, scan)
-    for step in reversed(plan):  # whoever is computed needs its parents' files, which retention may have dropped
-        if step.key not in kept:
-            for parent in step.parents:
-                if parent in kept and kept[parent].id in dropped:
-                    del kept[parent]
     return kept
+
+
+def _missing(
+    plan: tuple[PlannedStep, ...], kept: Mapping[StepKey, Step], dropped: Collection[str]
+) -> frozenset[StepKey]:
+    """Kept steps whose files retention has dropped although a step that is computed needs them."""
+    missing: set[StepKey] = set()
+    for step in reversed(plan):  # children come before their parents
+        if step.key not in kept or step.key in missing:
+            missing |= {parent for parent in step.parents if parent in kept and kept[parent].id in dropped}
+    return frozenset(missing)

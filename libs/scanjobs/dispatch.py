@@ -2,7 +2,8 @@
 
 At most twice the free slots of a queue are `sent`. Of what is ready comes first: the higher priority, the owner with
 the fewest steps under way for its weight, the scan with the fewest, the deepest step (a frame under way is finished
-before another is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is sent again.
+before another is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is
+sent again.
 """
 
 from collections import Counter

@@ -25,7 +25,8 @@ from scanjobs.tables import Attempt, Scan, Step
 from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_step
 
 FIRST_PAUSE_S: Final = 1.0
-"""Before the second attempt; doubled for each later one."""
+"""Before the second attempt; doubled for each later one. A worker that was lost has cost its lease already."""
+LONGEST_PAUSE_S: Final = 30.0
 BUSY_S: Final = 1.0
 """Before a step that found every GPU busy is sent again."""
 
@@ -270,12 +271,18 @@ def _after_failure(session: Session, scan: Scan, step: Step, failure: Failure, m
     if scan.state == ScanState.CANCELING:
         _stop(session, scan, step, failure.code)
     elif failure.retryable and (step.attempt < max_attempts or not failure.counted):
-        pause = now_s() + FIRST_PAUSE_S * 2 ** max(0, step.attempt - 1)
+        lasts_s = 0.0 if failure is WORKER_LOST else _pause_after(step.attempt)
         attempt = step.attempt if failure.counted else max(0, step.attempt - 1)
-        _move_from_running(session, step, StepState.READY, failure.code, error=error, not_before=pause, attempt=attempt)
+        _move_from_running(
+            session, step, StepState.READY, failure.code, error=error, not_before=now_s() + lasts_s, attempt=attempt
+        )
     else:
         _move_from_running(session, step, StepState.FAILED, failure.code, error=error, finished_at=now_s())
         lose_frame(session, scan, step, error)
+
+
+def _pause_after(attempt: int) -> float:
+    return min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0 ** min(10, max(0, attempt - 1)))
 
 
 def _error_of(step: Step, failure: Failure) -> dict[str, Any]:

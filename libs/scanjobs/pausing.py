@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from scanjobs.account_tables import Owner
 from scanjobs.repository import LOCAL_OWNER, get_scan
 from scanjobs.settling import hold_scan
-from scanjobs.states import WORKING_SCAN_STATES, ScanState
+from scanjobs.states import WORKING_SCAN_STATES, ScanState, check_move
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step
 from scanjobs.transitions import move_scan
 
@@ -47,8 +47,10 @@ def resume_scan(session: Session, scan_id: str, *, owner: str = LOCAL_OWNER) -> 
     Resuming a scan that is not paused changes nothing. Raises `NotFound`, or `IllegalTransition` when it has ended.
     """
     scan = hold_scan(session, scan_id, owner=owner)
-    if scan.state not in WORKING_SCAN_STATES:
+    if scan.state == ScanState.PAUSED:
         _resume(session, scan)
+    elif scan.state not in WORKING_SCAN_STATES:
+        check_move(ScanState(scan.state), ScanState.PAUSED)  # says why not
     return get_scan(session, scan_id, owner=owner)
 
 

@@ -11,12 +11,13 @@ from pathlib import Path
 
 from nerfmodal.spec import ScanSpec
 from scanjobs import repository
-from scanjobs.artifacts import ArtifactStore
 from scanjobs.fsck import check
+from scanjobs.object_store import open_artifacts
 from scanjobs.settings import Settings
 from scanjobs.states import TERMINAL_SCAN_STATES, StepState
 from scanjobs.store import Store, open_store
 from scanjobs.tables import Attempt, Scan, Step
+from sqlalchemy import select
 
 from services.worker.app import embedded_worker
 
@@ -39,7 +40,15 @@ def toy_spec(*, frames: int = 3, trouble: str = "", seed: int = 0, max_failed_fr
 def toy_settings(folder: Path) -> Settings:
     """A short lease, quick ticks, two slots, toys."""
     return Settings(
-        data_folder=folder / "data", tasks=TOYS, slots=2, lease_s=4.0, tick_s=0.2, watch_s=0.1, resend_s=3.0
+        data_folder=folder / "data",
+        tasks=TOYS,
+        slots=2,
+        lease_s=4.0,
+        tick_s=0.2,
+        watch_s=0.1,
+        resend_s=3.0,
+        save_every_s=0.5,
+        gpus=0,
     )
 
 
@@ -102,10 +111,23 @@ class Service:
         self.wait(has_runner, seconds)
         return pids[0]
 
+    def runners(self) -> dict[str, int]:
+        """Steps that are computed now, and the processes that compute them."""
+        query = select(Attempt.step_id, Attempt.pid).join(Step, Step.id == Attempt.step_id)
+        query = query.where(Step.state == StepState.RUNNING, Step.token == Attempt.token, Attempt.pid.is_not(None))
+        with self.store.read() as session:
+            return {step_id: pid for step_id, pid in session.execute(query) if pid is not None}
+
+    def file(self, scan_id: str, kind: str, frame: int, role: str) -> str:
+        """Digest of a file that a step of the scan has made."""
+        with self.store.read() as session:
+            found = repository.find_artifact(session, self.scan(scan_id), role, kind=kind, frame=frame)
+        return found.digest
+
     def violations(self) -> tuple[str, ...]:
         """What fsck finds."""
         with self.store.read() as session:
-            return check(session, ArtifactStore(self.settings.artifacts))
+            return check(session, open_artifacts(self.settings))
 
 
 @contextmanager
@@ -128,9 +150,9 @@ def looking_at(settings: Settings) -> Iterator[Service]:
 class WorkerProcess:
     """`python -m services.worker.main` in a session of its own; whatever it leaves behind is killed at the end."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, module: str = "services.worker.main") -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "services.worker.main"], env=_environment(settings), start_new_session=True
+            [sys.executable, "-m", module], env=_environment(settings), start_new_session=True
         )
 
     @property
@@ -153,9 +175,9 @@ class WorkerProcess:
 
 
 @contextmanager
-def worker_process(settings: Settings) -> Iterator[WorkerProcess]:
+def worker_process(settings: Settings, module: str = "services.worker.main") -> Iterator[WorkerProcess]:
     """A worker in a process of its own, killed when the block ends."""
-    process = WorkerProcess(settings)
+    process = WorkerProcess(settings, module)
     try:
         yield process
     finally:
@@ -173,5 +195,5 @@ def is_alive(pid: int) -> bool:
 
 def _environment(settings: Settings) -> dict[str, str]:
     values = settings.model_dump(mode="json", exclude={"artifact_folder", "capture_roots"})
-    variables = {f"NERFMODAL_{name.upper()}": str(value) for name, value in values.items()}
+    variables = {f"NERFMODAL_{name.upper()}": str(value) for name, value in values.items() if value is not None}
     return {**os.environ, **variables}

@@ -3,15 +3,20 @@
 from pathlib import Path
 
 import pytest
-from nerfmodal.spec import ScanSpec
+from nerfmodal.spec import IdentificationSpec, ScanSpec
 from scanjobs import control, dispatch, leases, repository, workers
 from scanjobs.artifacts import ArtifactStore, Stored
+from scanjobs.chores import is_mine
 from scanjobs.errors import IllegalTransition, NotFound
 from scanjobs.fanin import Output
-from scanjobs.garbage import collect_garbage
-from scanjobs.messages import QUEUES
+from scanjobs.fsck import check
+from scanjobs.garbage import collect_garbage, drop_checkpoints
+from scanjobs.leases import Failure
+from scanjobs.messages import EXTRACT, IDENTIFY, QUEUES, TRAIN
 from scanjobs.store import Store
 from scanjobs.workers import WorkerIdentity
+
+BROKEN = Failure(code="X", message="x.", retryable=False)
 
 
 @pytest.fixture
@@ -73,3 +78,96 @@ def test_scan_that_runs_cannot_be_deleted(store: Store, spec: ScanSpec) -> None:
     scan = store.write(lambda session: repository.insert_scan(session, spec)).scan
     with pytest.raises(IllegalTransition):
         store.write(lambda session: control.delete_scan(session, scan.id))
+
+
+def trained_scan(store: Store, spec: ScanSpec, files: ArtifactStore) -> tuple[str, dict[str, str]]:
+    """A scan that has succeeded, and the digest of each step's file."""
+    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
+    store.write(lambda session: workers.register(session, identity, 600.0))
+    scan_id = store.write(lambda session: repository.insert_scan(session, spec)).scan.id
+    return scan_id, compute_all(store, files)
+
+
+def compute_all(store: Store, files: ArtifactStore) -> dict[str, str]:
+    """Compute what is there to be computed; a digest by kind and frame."""
+    made: dict[str, str] = {}
+    while messages := store.write(dispatch.dispatch):
+        for message in messages:
+            claim = store.write(lambda session, one=message.step_id: leases.claim(session, one, "w", 60.0))
+            assert claim is not None
+            name = f"{claim.kind}:{claim.frame}"
+            one = stored(files, name)
+            role = "checkpoint" if claim.kind == TRAIN else "frame"
+            output = Output(role=role, name="n", digest=one.digest, size=one.size, media_type="x")
+            store.write(lambda session, held=claim, out=output: leases.finish(session, held, [out], {}))
+            made[name] = one.digest
+    return made
+
+
+def test_checkpoints_go_and_results_stay(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    _, made = trained_scan(store, spec, files)
+    assert drop_checkpoints(store, 60.0) == 0
+    assert drop_checkpoints(store, -1.0) == 4
+    removed = collect_garbage(store, files, older_than_s=-1.0)
+    assert set(removed) == {digest for name, digest in made.items() if name.startswith(TRAIN)}
+    with store.read() as session:
+        assert check(session, files) == ()
+
+
+def test_fork_after_retention_still_trains_nothing(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    scan_id, _ = trained_scan(store, spec, files)
+    drop_checkpoints(store, -1.0)
+    collect_garbage(store, files, older_than_s=-1.0)
+    other = spec.model_copy(update={"identification": IdentificationSpec(max_modes=3)})
+    store.write(lambda session: control.fork_scan(session, scan_id, other))
+    assert set(compute_all(store, files)) == {f"{IDENTIFY}:-1"}
+
+
+def test_retry_that_needs_dropped_checkpoints_makes_them_and_no_others(
+    store: Store, spec: ScanSpec, files: ArtifactStore
+) -> None:
+    scan_id, _ = trained_scan(store, spec, files)
+    drop_checkpoints(store, -1.0)
+    store.write(lambda session: control.retry_scan(session, scan_id, from_kind=IDENTIFY))
+    assert set(compute_all(store, files)) == {f"{IDENTIFY}:-1"}
+    store.write(lambda session: control.retry_scan(session, scan_id, from_kind=EXTRACT, frames=[1]))
+    assert set(compute_all(store, files)) == {f"{TRAIN}:-1", f"{TRAIN}:1", f"{EXTRACT}:1", f"{IDENTIFY}:-1"}
+
+
+def test_checkpoint_of_a_lost_frame_is_kept_for_its_retry(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """The shared checkpoint too: the lost frame's training starts from it."""
+    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
+    store.write(lambda session: workers.register(session, identity, 600.0))
+    losing = spec.model_copy(update={"max_failed_frames": 1})
+    store.write(lambda session: repository.insert_scan(session, losing))
+    for message in store.write(dispatch.dispatch):
+        claim = store.write(lambda session, one=message.step_id: leases.claim(session, one, "w", 60.0))
+        assert claim is not None
+        if claim.frame == 1:
+            store.write(lambda session, held=claim: leases.fail(session, held, BROKEN, 3))
+        else:
+            store.write(lambda session, held=claim: leases.finish(session, held, [], {}))
+    compute_all(store, files)
+    assert drop_checkpoints(store, -1.0) == 2  # of frames 0 and 2
+
+
+def test_what_a_live_step_has_saved_is_no_garbage(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
+    store.write(lambda session: workers.register(session, identity, 600.0))
+    store.write(lambda session: repository.insert_scan(session, spec))
+    message = store.write(dispatch.dispatch)[0]
+    claim = store.write(lambda session: leases.claim(session, message.step_id, "w", 60.0))
+    assert claim is not None
+    saved = stored(files, "half a training")
+    output = Output(role="resume", name="n", digest=saved.digest, size=saved.size, media_type="x")
+    assert store.write(lambda session: leases.save(session, claim, output))
+    assert collect_garbage(store, files, older_than_s=-1.0) == ()
+    store.write(lambda session: leases.finish(session, claim, (), {}))
+    assert not store.write(lambda session: leases.save(session, claim, output))
+    assert collect_garbage(store, files, older_than_s=-1.0) == (saved.digest,)
+
+
+def test_chore_is_done_by_one_of_many_once_in_its_interval(store: Store) -> None:
+    assert [store.write(lambda session: is_mine(session, "collect", 60.0)) for _ in range(3)] == [True, False, False]
+    assert store.write(lambda session: is_mine(session, "collect", 0.0))
+    assert store.write(lambda session: is_mine(session, "other", 60.0))

@@ -1,0 +1,62 @@
+"""What the fault tests do over and over: wait for progress, see that nothing was lost or doubled, kill."""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from scanjobs.settings import Settings
+from scanjobs.states import StepState
+
+from tests.integration.toy_service import Service, WorkerProcess
+
+RECOVERY_S = 5.0
+"""Beyond the lease: promise (c)."""
+
+
+def has_finished(service: Service, scan_id: str, count: int) -> bool:
+    """Whether so many steps have succeeded."""
+    return sum(step.state == StepState.SUCCEEDED for step in service.steps(scan_id)) >= count
+
+
+def wait_for(service: Service, scan_id: str, count: int) -> None:
+    """Until so many steps have succeeded."""
+    service.wait(lambda: has_finished(service, scan_id, count))
+
+
+def assert_whole(service: Service, scan_id: str, seconds: float = 60.0) -> None:
+    """The scan succeeds, every step was accepted once, and the database and the files are sound."""
+    scan = service.end_of(scan_id, seconds)
+    assert scan.state == "succeeded", scan.error
+    assert {step.state for step in service.steps(scan_id)} == {StepState.SUCCEEDED}
+    assert service.violations() == ()
+
+
+def kill(pid: int) -> None:
+    """SIGKILL, if it still lives."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes started by a process."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for task in tasks for child in task.read_text().split()]
+
+
+@contextlib.contextmanager
+def workers(settings: Settings, count: int) -> Iterator[list[WorkerProcess]]:
+    """Workers in processes of their own; whoever is in the list at the end is killed."""
+    hired = [WorkerProcess(settings) for _ in range(count)]
+    try:
+        yield hired
+    finally:
+        for worker in hired:
+            worker.close()
+
+
+def seconds_since(began: float) -> float:
+    """Of the monotonic clock."""
+    return time.monotonic() - began

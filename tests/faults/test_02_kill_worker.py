@@ -1,0 +1,52 @@
+"""Fault 2: kill -9 a worker that holds a step, three times."""
+
+import time
+from functools import partial
+
+import pytest
+from scanjobs.settings import Settings
+from scanjobs.tables import Step
+
+from tests.faults.steps import RECOVERY_S, assert_whole, seconds_since, workers
+from tests.integration.toy_service import Service, WorkerProcess, is_alive, looking_at, toy_spec
+
+
+def test_three_killed_workers_are_replaced_within_the_lease(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Promise (c): the step is claimed again within the lease and five seconds; its runner ends with its worker.
+
+    Guard: `leases.reap` of what is overdue (`Ticker._take_back_lost`).
+    Seen to fail: with `overdue_steps` returning nothing the step stays running and the test waits in vain.
+    """
+    monkeypatch.setenv("TOY_SECONDS", "0.6")
+    patient = settings.model_copy(update={"max_attempts": 9})
+    with looking_at(patient) as service, workers(patient, 1) as hired:
+        scan_id = service.submit(toy_spec(frames=3))
+        for _ in range(3):
+            service.wait(lambda: bool(service.runners()))
+            step_id, runner = next(iter(service.runners().items()))
+            token = token_of(service, step_id)
+            hired.pop().close()
+            killed_at = time.monotonic()
+            hired.append(WorkerProcess(patient))
+            service.wait(partial(is_dead, runner), 2)
+            service.wait(partial(is_claimed_again, service, step_id, token))
+            assert seconds_since(killed_at) < settings.lease_s + RECOVERY_S
+        assert_whole(service, scan_id)
+
+
+def token_of(service: Service, step_id: str) -> int:
+    """How often the step has been claimed."""
+    with service.store.read() as session:
+        return session.get_one(Step, step_id).token
+
+
+def is_claimed_again(service: Service, step_id: str, token: int) -> bool:
+    """Whether somebody has claimed the step since."""
+    return token_of(service, step_id) > token
+
+
+def is_dead(pid: int) -> bool:
+    """Whether the process is gone."""
+    return not is_alive(pid)

@@ -1,0 +1,41 @@
+"""Fault 8: a worker is stopped with SIGSTOP for three leases and goes on: it is fenced off."""
+
+import signal
+import time
+
+from scanjobs.messages import TRAIN
+from scanjobs.plan import WHOLE_SCAN
+from scanjobs.settings import Settings
+from scanjobs.tables import Attempt
+from sqlalchemy import select
+
+from tests.faults.steps import assert_whole, workers
+from tests.integration.toy_service import looking_at, toy_spec, worker_process
+
+LEASE_S = 1.5
+STEP_S = 3.5
+"""Its runner ends while the worker sleeps, and the second computation still runs when the worker wakes up."""
+
+
+def test_result_of_a_worker_that_slept_is_dropped(settings: Settings) -> None:
+    """Promise (b): the sleeper finds its runner's result when it wakes up, and must not give it in.
+
+    Guard: the token in `leases._owned`.
+    Seen to fail: without the comparison of tokens the sleeper ends the second claim's step with its own result, and
+    the attempt that was accepted is the first.
+    """
+    quick = settings.model_copy(update={"lease_s": LEASE_S, "slots": 1})
+    with looking_at(quick) as service, worker_process(quick) as sleeper:
+        scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:takes={STEP_S}"))
+        service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
+        sleeper.signal(signal.SIGSTOP)
+        with workers(quick, 1):
+            time.sleep(3 * LEASE_S)
+            assert service.step(scan_id, TRAIN, WHOLE_SCAN).token == 2, "somebody else has it"
+            sleeper.signal(signal.SIGCONT)
+            assert_whole(service, scan_id)
+        step = service.step(scan_id, TRAIN, WHOLE_SCAN)
+        query = select(Attempt.token, Attempt.outcome).where(Attempt.step_id == step.id).order_by(Attempt.token)
+        with service.store.read() as session:
+            outcomes = {token: outcome for token, outcome in session.execute(query)}
+        assert (step.token, outcomes) == (2, {1: "lease expired", 2: "succeeded"})
