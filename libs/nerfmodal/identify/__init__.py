@@ -1,5 +1,6 @@
 """Modes of an organ from its displacement."""
 
+from nerfmodal.identify.growing import FrameFit, GrowingRecord, modes_so_far
 from nerfmodal.identify.model import identify, identify_scan
 
-__all__ = ["identify", "identify_scan"]
+__all__ = ["FrameFit", "GrowingRecord", "identify", "identify_scan", "modes_so_far"]

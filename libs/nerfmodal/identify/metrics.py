@@ -33,8 +33,12 @@ def mac_matrix(
 
 
 def msf(first: Shape, second: Shape) -> complex:
-    """Modal scale factor: the number that `second` is multiplied with to come closest to `first`."""
+    """Modal scale factor: the number that `second` is multiplied with to come closest to `first`.
+
+    Raises `InvalidInput` if `second` is zero everywhere: no multiple of it comes closer than another.
+    """
     _validate(first, second)
+    _refuse_zero(second)
     return complex(np.vdot(second, first) / np.vdot(second, second))
 
 
@@ -50,7 +54,11 @@ def mpc(shape: Shape) -> float:
 
 
 def mpd(shape: Shape) -> float:
-    """Mean phase deviation in degrees: the average angle, weighted by size, from the straight line that fits best."""
+    """Mean phase deviation in degrees: the average angle, weighted by size, from the straight line that fits best.
+
+    Raises `InvalidInput` if the shape is zero everywhere.
+    """
+    _refuse_zero(shape)
     _, _, axes = np.linalg.svd(np.column_stack([np.real(shape), np.imag(shape)]), full_matrices=False)
     along = np.abs(np.real(shape) * axes[0, 0] + np.imag(shape) * axes[0, 1])
     sizes = np.abs(shape)
@@ -86,9 +94,21 @@ def pair(
         MAC of every pair, which decides between lines that are close; by default frequency alone decides.
     within_hz
         Lines further apart are no pair.
+
+    Raises
+    ------
+    InvalidInput
+        `within_hz` is not positive, or `likeness` has another shape than the two lists.
     """
+    if not within_hz > 0:
+        raise InvalidInput(f"lines within {within_hz} Hz cannot be paired.", hint="Give a positive distance.")
     distance = np.abs(np.subtract.outer(np.asarray(first, dtype=float), np.asarray(second, dtype=float)))
     alike = np.ones_like(distance) if likeness is None else likeness
+    if alike.shape != distance.shape:
+        raise InvalidInput(
+            f"the likeness of {alike.shape} does not fit {distance.shape[0]} and {distance.shape[1]} lines.",
+            hint="Give mac_matrix of the same modes.",
+        )
     merit = np.where(distance <= within_hz, alike * (1.0 - 0.5 * distance / within_hz), -1.0)
     pairs = []
     while merit.size and merit.max() >= 0:
@@ -105,3 +125,8 @@ def _validate(first: np.ndarray, second: np.ndarray) -> None:
             f"two shapes have {first.shape} and {second.shape} degrees of freedom.",
             hint="Interpolate both to the same sensors first.",
         )
+
+
+def _refuse_zero(shape: np.ndarray) -> None:
+    if not np.abs(shape).any():
+        raise InvalidInput("a shape is zero everywhere.", hint="Leave out modes that do not move.")

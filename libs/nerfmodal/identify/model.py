@@ -75,6 +75,7 @@ def identify(
     *,
     seed: int,
     surface: SurfaceKind = "polynomial",
+    known: Float[np.ndarray, "modes 2"] | None = None,
 ) -> OrganResult:
     """Modes of one organ.
 
@@ -88,6 +89,8 @@ def identify(
         Of the shuffle test; the organ's name goes in too, so that the organs' order does not matter.
     surface
         Copied to the result.
+    known
+        Lines (Hz, damping ratio) of an earlier, shorter look at the same record, to start from.
 
     Returns
     -------
@@ -109,6 +112,7 @@ def identify(
         frame_rate=displacement.frame_rate,
         max_modes=settings.max_modes,
         rng=organ_generator(seed, displacement.sensors.organ),
+        known=known,
     )
     count = _components(settings, len(fit.frequencies), channels)
     fitted, pursued = read_fit(record, fit), pursue(record, count)

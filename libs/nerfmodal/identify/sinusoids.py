@@ -97,6 +97,7 @@ def fit_sinusoids(
     frame_rate: float,
     max_modes: int,
     rng: np.random.Generator,
+    known: Float[np.ndarray, "modes 2"] | None = None,
 ) -> SinusoidFit:
     """All lines that stand out of the noise.
 
@@ -112,13 +113,15 @@ def fit_sinusoids(
         At most this many lines.
     rng
         Draws the shuffles.
+    known
+        Lines of a shorter look at the same record: where the search starts, if they still stand.
     """
     span = times[-1] - times[0]
     low, high = max(1.0 / span, LOWEST_HZ), HIGHEST_SHARE * frame_rate
     search: Grid | Windows = (
         windows_of(times, frame_rate, low, high) if span > LONG_S else candidate_grid(times, low, high)
     )
-    lines = np.zeros((0, 2))
+    lines = _still_standing(times, channels, known, search, frame_rate, rng)
     total = ((channels - channels.mean(axis=0)) ** 2).sum()
     while len(lines) < max_modes:
         residuals = _solve_linear(times, channels, lines)[1]
@@ -133,6 +136,30 @@ def fit_sinusoids(
             continue
         lines = grown
     return _summarise(times, channels, lines)
+
+
+def _still_standing(
+    times: np.ndarray,
+    channels: np.ndarray,
+    known: np.ndarray | None,
+    search: Grid | Windows,
+    frame_rate: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """The known lines refined, less the weakest ones that would not be found again."""
+    lines = np.zeros((0, 2)) if known is None else known
+    while len(lines):
+        lines = fit_lines(times, channels, lines, frame_rate=frame_rate)
+        solution = _solve_linear(times, channels, lines)[0][1:]
+        weakest = int(np.argmin((solution**2).reshape(len(lines), -1).sum(axis=1)))
+        others = np.delete(lines, weakest, axis=0)
+        without = fit_lines(times, channels, others, frame_rate=frame_rate) if len(others) else others
+        again = _find(times, _solve_linear(times, channels, without)[1], without, search, rng)
+        near = again is not None and abs(again[0] - lines[weakest, 0]) <= 1.0 / (times[-1] - times[0])
+        if near and not _split(lines, times):
+            break
+        lines = without
+    return lines
 
 
 def _find(
