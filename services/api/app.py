@@ -16,7 +16,20 @@ from services.api.doorkeeper import Doorkeeper
 from services.api.middleware import BodyLimit, RequestIds
 from services.api.news import News
 from services.api.openapi import document_refusals
-from services.api.routes import artifacts, captures, events, health, info, keys, metrics, modes, scans, uploads
+from services.api.routes import (
+    artifacts,
+    captures,
+    events,
+    forks,
+    health,
+    info,
+    keys,
+    metrics,
+    modes,
+    scans,
+    steps,
+    uploads,
+)
 
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
@@ -56,7 +69,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     app.add_middleware(RequestIds)
     metrics.install(app)
     errors.install(app)
-    for module in (scans, events, modes, artifacts, uploads, captures, keys, info, health, metrics):
+    for module in (scans, forks, steps, events, modes, artifacts, uploads, captures, keys, info, health, metrics):
         app.include_router(module.router)
     document_refusals(app)
     return app

@@ -149,12 +149,6 @@ class StepDetail(BaseModel):
         )
 
 
-class StepList(BaseModel):
-    """The steps of the present generation, in the order they may run."""
-
-    items: list[StepDetail]
-
-
 class ArtifactDetail(BaseModel):
     """A file of a scan."""
 

@@ -30,6 +30,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from services.worker.child import Child, Children
 from services.worker.protocol import DISK_FULL, Failed, Line, Order, failed_line, read_failed, read_produced
+from services.worker.step_log import StepLog
 
 log = logging.getLogger(__name__)
 
@@ -192,11 +193,16 @@ class Supervisor:
 
     def _with(self, child: Child, claim: Claim, order: Order, watch: Watch) -> Failure | None:
         self._write(watch, lambda session: leases.note_runner(session, claim, child.pid, child.log_path.name))
+        log_of_step = StepLog(self._store, claim, child.log_path)
         child.order(order)
-        line = self._watch(claim, child, watch)
+        try:
+            line = self._watch(claim, child, watch, log_of_step)
+        finally:
+            log_of_step.relay(is_over=True)
         if line is None:
             return None
         if "failed" in line:
+            log_of_step.say(line["failed"]["message"], "error")
             exit_code = child.exit_code
             child.kill()  # what failed in it may have left it in any state
             return of_runner(read_failed(line), exit_code)
@@ -232,7 +238,7 @@ class Supervisor:
             return None
         return str(path)
 
-    def _watch(self, claim: Claim, child: Child, watch: Watch) -> Line | None:
+    def _watch(self, claim: Claim, child: Child, watch: Watch, log_of_step: StepLog) -> Line | None:
         """The runner's last line, or None when the step was taken from it."""
         looked_at = time.monotonic()
         limit_s = claim.spec.get("step_limit_s") or self._settings.step_limit_s
@@ -251,6 +257,7 @@ class Supervisor:
                 return line
             if time.monotonic() - looked_at >= self._settings.watch_s:
                 looked_at = time.monotonic()
+                log_of_step.relay()
                 if not self._go_on(claim, child, watch):
                     return None
                 if looked_at - watch.began >= limit_s:

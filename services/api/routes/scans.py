@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Response
-from nerfmodal.spec import ScanSpec
+from nerfmodal.spec import ScanSpec, SimulationSource
+from pydantic import Field
 from scanjobs.captures import locate_source
 from scanjobs.control import cancel_scan, retry_scan
 from scanjobs.repository import (
@@ -17,20 +18,20 @@ from scanjobs.repository import (
     get_scan,
     insert_scan,
     list_scans,
-    list_steps,
     step_summaries,
     summaries_of,
     summaries_of_plan,
 )
 from scanjobs.store import Store
+from scanjobs.tables import Scan
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.complaints import json_pointer
-from services.api.dependencies import Owner, ScanId, Submitter, TheParts
+from services.api.dependencies import Owner, Parts, ScanId, Submitter, TheParts
 from services.api.errors import RequestRefused
 from services.api.eta import measure_pace, seconds_left
-from services.api.schemas import STATES_OF, ScanDetail, ScanPage, ScanSummary, Status, StepDetail, StepList
+from services.api.schemas import STATES_OF, ScanDetail, ScanPage, ScanSummary, Status
 
 LOOK_AGAIN_S = "2"
 LIST = "scans"
@@ -48,6 +49,10 @@ Key = Annotated[
 Word = Annotated[str | None, Query(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Step = Literal["scan.inspect", "frame.render", "frame.read", "frame.train", "frame.extract", "scan.identify"]
 From = Annotated[Step | None, Query(alias="from", description="Compute this kind and all after it afresh.")]
+Frames = Annotated[
+    list[Annotated[int, Field(ge=0, le=1_000_000)]] | None,
+    Query(max_length=1000, description="Of these frames alone, and what depends on them; needs `from`."),
+]
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
 
@@ -56,14 +61,12 @@ def submit(spec: ScanSpec, parts: TheParts, owner: Submitter, response: Response
     """Start a scan. The answer names it at once; follow it at `Location`."""
     refuse_unstorable(spec)
     idempotency = Idempotency(key, spec.digest()) if key else None
-    with parts.store.read() as session:
-        confined = locate_source(session, parts.settings, spec, owner=owner)
-    submission = _store(parts.store, confined, owner, idempotency)
+    submission = store_scan(parts, located(parts, spec, owner), owner, idempotency)
     response.headers["Location"] = f"/v1/scans/{submission.scan.id}"
     response.headers["Retry-After"] = LOOK_AGAIN_S
     if submission.created and submission.scan.unplanted_from == 0:
         return ScanDetail.of(submission.scan, summaries_of_plan(submission.scan))
-    return _look(parts.store, submission.scan.id, owner)
+    return look(parts.store, submission.scan.id, owner)
 
 
 @router.get("")
@@ -90,22 +93,14 @@ def list_(
 @router.get("/{scan_id}")
 def show(scan_id: ScanId, parts: TheParts, owner: Owner) -> ScanDetail:
     """A scan with its progress per kind of step and the seconds it may still take."""
-    return _look(parts.store, scan_id, owner)
-
-
-@router.get("/{scan_id}/steps")
-def steps(scan_id: ScanId, parts: TheParts, owner: Owner) -> StepList:
-    """Every step of the present generation."""
-    with parts.store.read() as session:
-        rows = list_steps(session, get_scan(session, scan_id, owner=owner))
-    return StepList(items=[StepDetail.of(row) for row in rows])
+    return look(parts.store, scan_id, owner)
 
 
 @router.post("/{scan_id}/cancel", status_code=202)
 def cancel(scan_id: ScanId, parts: TheParts, owner: Submitter) -> ScanDetail:
     """Stop a scan: what waits is canceled at once, what computes within seconds. 409 when it has ended."""
     parts.store.write(lambda session: cancel_scan(session, scan_id, owner=owner))
-    return _look(parts.store, scan_id, owner)
+    return look(parts.store, scan_id, owner)
 
 
 @router.post("/{scan_id}/retry", status_code=202)
@@ -113,13 +108,12 @@ def retry(
     scan_id: ScanId,
     parts: TheParts,
     owner: Submitter,
-    from_step: Annotated[
-        Step | None, Query(alias="from", description="Compute this kind and all after it afresh.")
-    ] = None,
+    from_step: From = None,
+    frames: Frames = None,
 ) -> ScanDetail:
     """Run an ended scan again: what had not succeeded, or everything from a step on. 409 while it runs."""
-    parts.store.write(lambda session: retry_scan(session, scan_id, owner=owner, from_kind=from_step))
-    return _look(parts.store, scan_id, owner)
+    parts.store.write(lambda session: retry_scan(session, scan_id, owner=owner, from_kind=from_step, frames=frames))
+    return look(parts.store, scan_id, owner)
 
 
 def refuse_unstorable(spec: ScanSpec) -> None:
@@ -154,19 +148,30 @@ def _leaves(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str
         yield from _leaves(item, (*path, key))
 
 
-def _store(store: Store, spec: ScanSpec, owner: str, idempotency: Idempotency | None) -> Submission:
+def located(parts: Parts, spec: ScanSpec, owner: str) -> ScanSpec:
+    """The specification with its source as every worker can open it."""
+    if isinstance(spec.source, SimulationSource):
+        return spec
+    with parts.store.read() as session:
+        return locate_source(session, parts.settings, spec, owner=owner)
+
+
+def store_scan(
+    parts: Parts, spec: ScanSpec, owner: str, idempotency: Idempotency | None, fork_of: Scan | None = None
+) -> Submission:
     """Commit the scan. Where another request has just used the key, the second try finds that scan."""
 
     def work(session: Session) -> Submission:
-        return insert_scan(session, spec, owner=owner, idempotency=idempotency, plan_later=True)
+        return insert_scan(session, spec, owner=owner, idempotency=idempotency, fork_of=fork_of)
 
     try:
-        return store.write(work)
+        return parts.store.write(work)
     except IntegrityError:
-        return store.write(work)
+        return parts.store.write(work)
 
 
-def _look(store: Store, scan_id: str, owner: str) -> ScanDetail:
+def look(store: Store, scan_id: str, owner: str) -> ScanDetail:
+    """The scan as it is now. Raises `NotFound`."""
     with store.read() as session:
         scan = get_scan(session, scan_id, owner=owner)
         progress = step_summaries(session, scan)
