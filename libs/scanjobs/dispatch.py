@@ -1,9 +1,10 @@
 """Ready steps become sent ones: a small window per queue, so that the broker's order never matters.
 
 At most twice the free slots of a queue are `sent`. Of what is ready comes first: the higher priority, the owner with
-the fewest steps under way for its weight, the scan with the fewest, the deepest step (a frame under way is finished
-before another is begun), the oldest. The caller publishes the messages after the commit; a message that is lost is
-sent again.
+the fewest steps under way for its weight, the scan that has had little so far (by powers of two, and by a level less
+for each minute that it waits, so that nobody waits for ever), the scan with the fewest steps under way, the deepest
+step (a frame under way is finished before another is begun), the oldest. The caller publishes the messages after the
+commit; a message that is lost is sent again.
 """
 
 from collections import Counter
@@ -27,6 +28,9 @@ from scanjobs.workers import active_workers
 WINDOW: Final = 2
 """Messages waiting for each free slot."""
 
+LEVEL_S: Final = 60.0
+"""Waiting so long without a single step lowers a scan by one level."""
+
 DISPATCHING: Final = 1
 """Names the lock: two dispatchers at once would each fill the whole window."""
 UNHELD: Final = MappingProxyType({"worker_id": None})
@@ -45,6 +49,8 @@ class Candidate:
     frame: int
     weight: float = 1.0
     """Of the owner: twice the weight is twice the share."""
+    level: int = 0
+    """Of the scan: how much it has had (`level_of`)."""
 
 
 @dataclass(slots=True)
@@ -123,10 +129,16 @@ def choose(candidates: Iterable[Candidate], room: Room, load: Load) -> tuple[str
     return tuple(chosen)
 
 
-def _turn(step: Candidate, load: Load) -> tuple[int, float, int, int, str, int, str]:
+def level_of(served: int, waited_s: float) -> int:
+    """The level of a scan of which so many steps were claimed, the last so many seconds ago. Pure."""
+    return max(0, (served + 1).bit_length() - 1 - int(waited_s / LEVEL_S))
+
+
+def _turn(step: Candidate, load: Load) -> tuple[int, float, int, int, int, str, int, str]:
     return (
         -step.priority,
         load.owners[step.owner] / step.weight,
+        step.level,
         load.scans[step.scan_id],
         -step.depth,
         step.scan_id,
@@ -209,6 +221,7 @@ def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
     ready = (
         select(Step.id, Step.queue, Step.depth, Step.frame, Scan.id.label("scan_id"), Scan.owner, Scan.priority)
         .add_columns(place.label("place"), func.coalesce(Owner.weight, 1.0).label("weight"))
+        .add_columns(Scan.served, (now_s() - func.coalesce(Scan.served_at, Scan.created_at)).label("waited_s"))
         .join(Scan, Scan.id == Step.scan_id)
         .outerjoin(Owner, Owner.id == Scan.owner)
         .where(and_(Step.state == StepState.READY, Scan.state.in_([state.value for state in WORKING_SCAN_STATES])))
@@ -227,6 +240,7 @@ def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
             depth=row.depth,
             frame=row.frame,
             weight=row.weight,
+            level=level_of(row.served, row.waited_s),
         )
         for row in rows
     )

@@ -98,7 +98,7 @@ def claim(
         if device is None:
             move_step(session, step, StepState.READY, reason="no GPU is free", values={"not_before": now_s() + BUSY_S})
             return None
-    _start_scan(session, scan)
+    _serve_scan(session, scan)
     values = {
         "token": step.token + 1,
         "attempt": step.attempt + 1,
@@ -246,7 +246,9 @@ def _owned(session: Session, held: Claim) -> tuple[Scan, Step] | None:
     return found
 
 
-def _start_scan(session: Session, scan: Scan) -> None:
+def _serve_scan(session: Session, scan: Scan) -> None:
+    served = update(Scan).where(Scan.id == scan.id).values(served=Scan.served + 1, served_at=now_s())
+    session.execute(served, execution_options=UNSYNCHRONISED)
     if scan.state == ScanState.QUEUED:
         move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
 

@@ -65,6 +65,10 @@ class Scan(Base):
     """The first frame whose steps have no rows yet; None once the plan is whole."""
     paused_for: Mapped[str | None] = mapped_column(Word)
     """Of a paused scan: `asked`, `disk_low` or `quota`."""
+    served: Mapped[int] = mapped_column(default=0, server_default=text("0"))
+    """Steps that were claimed, over all generations: who has had little comes before who has had much."""
+    served_at: Mapped[float | None]
+    """When the last one was."""
     deadline_at: Mapped[float | None]
     error: Mapped[dict[str, Any] | None]
     """`{step, code, message, hint, retryable}` of what made it fail."""

@@ -1,18 +1,20 @@
 """Whose turn it is, and how many may be sent: the pure part by its laws, the rest on a database."""
 
 from collections import Counter
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nerfmodal.spec import ScanSpec
 from scanjobs import dispatch, repository, workers
-from scanjobs.dispatch import WINDOW, Candidate, Load, Room, choose, room_of
+from scanjobs.dispatch import LEVEL_S, WINDOW, Candidate, Load, Room, choose, level_of, room_of
 from scanjobs.messages import QUEUES
 from scanjobs.states import StepState
 from scanjobs.store import Store
 from scanjobs.workers import WorkerIdentity
 
+FLOOD: dict[str, Any] = {"queue": "render", "owner": "o", "priority": 0, "frame": 0}
 NOTHING: Counter[str] = Counter()
 ALL = set(QUEUES)
 
@@ -40,6 +42,19 @@ def test_owner_with_less_under_way_goes_first() -> None:
 def test_small_scan_does_not_wait_behind_a_flood_of_its_owner() -> None:
     flood = [candidate(f"flood-{k}", scan="flood", depth=4) for k in range(50)]
     assert "small" in choose([*flood, candidate("small", scan="small")], wide(), Load())[:2]
+
+
+def test_scan_that_has_had_little_goes_before_many_that_have_had_more() -> None:
+    """Ten large scans with deeper and older steps, none under way at this moment: the newcomer is first."""
+    flood = [Candidate(**FLOOD, step_id=f"{k}", scan_id=f"a{k}", depth=3, level=level_of(5, 0.0)) for k in range(10)]
+    small = Candidate(**FLOOD, step_id="small", scan_id="z", depth=0, level=level_of(0, 0.0))
+    assert choose([*flood, small], wide(), Load())[0] == "small"
+
+
+@given(served=st.integers(0, 10**6))
+def test_whoever_waits_long_enough_is_at_the_lowest_level(served: int) -> None:
+    assert level_of(served, 0.0) <= 20
+    assert level_of(served, 20 * LEVEL_S) == 0
 
 
 def test_deepest_step_of_a_scan_goes_first() -> None:
