@@ -24,6 +24,9 @@ SHOWN = 8
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for what is written.", show_default="out/NAME")]
 BaseSpec = Annotated[Path | None, typer.Option("--spec", help="A specification for the rest; its source is not used.")]
+CaptureSpec = Annotated[
+    Path | None, typer.Option("--spec", help="A specification for the rest; of a capture's source all but its path.")
+]
 
 
 def run(spec_file: SpecFile, out: Out = None, as_json: Json = False) -> None:
@@ -49,17 +52,20 @@ def simulate(spec_file: SpecFile, out: Out = None, as_json: Json = False) -> Non
 
 
 def reconstruct(
-    capture: Annotated[Path, typer.Argument(help="Folder with a transforms.json.", show_default=False)],
+    capture: Annotated[Path, typer.Argument(help="Folder with pictures or videos.", show_default=False)],
     out: Out = None,
-    spec_file: BaseSpec = None,
-    downscale: Annotated[int, typer.Option(min=1, max=64, help="Shrink pictures by this factor.")] = 1,
+    spec_file: CaptureSpec = None,
+    downscale: Annotated[int | None, typer.Option(min=1, max=64, help="Shrink pictures by this factor.")] = None,
     hold_out_every: Annotated[int | None, typer.Option(min=2, help="Keep every n-th view to measure the PSNR.")] = None,
+    frame_rate: Annotated[float | None, typer.Option(help="Pictures per second, where the capture does not say.")] = None,
     as_json: Json = False,
 ) -> None:
     """Turn a capture into point clouds (frame_0000.ply …, clouds.json) and metrics.json."""
     from services.cli.captures import reconstruct_capture
 
-    source = CaptureSource(kind="capture", path=str(capture), downscale=downscale, hold_out_every=hold_out_every)
+    given = {"downscale": downscale, "hold_out_every": hold_out_every, "frame_rate_hz": frame_rate}
+    source = _capture_of(spec_file) | {"kind": "capture", "path": str(capture)}
+    source |= {key: value for key, value in given.items() if value is not None}
     spec = spec_around(source, capture, spec_file)
     folder = out or Path("out") / spec.name
     with stage_bars(quiet=as_json) as report:
@@ -114,6 +120,13 @@ def remarks(record: "CloudSequence", clouds: "Sequence[PointCloud]", result: "Sc
         if not SMALLEST_M < longest < LARGEST_M:
             found.append(f"{organ.organ} is {longest:.3g} m long: is the unit right? If not, give --unit mm, say.")
     return found
+
+
+def _capture_of(spec_file: Path | None) -> dict[str, Any]:
+    """What a specification says of its capture; nothing where its source is of another kind."""
+    document: Any = load(read_text(spec_file), spec_file) if spec_file is not None else None
+    source = document.get("source") if isinstance(document, dict) else None
+    return dict(source) if isinstance(source, dict) and source.get("kind") == "capture" else {}
 
 
 def spec_around(

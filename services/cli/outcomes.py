@@ -1,5 +1,6 @@
 """How a command ends: 0 done, 1 failed, 2 wrong usage, 3 invalid input; and what a person or a machine reads of it."""
 
+import errno
 import json
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typer.core import TyperGroup
 from services.api.complaints import Complaint
 from services.cli.output import wants_json
 
+FULL = (errno.ENOSPC, errno.EDQUOT)
 FAILED = 1
 USAGE = 2
 INVALID = 3
@@ -60,7 +62,16 @@ def ending_of(error: Exception) -> Ending | None:
         code = INVALID if isinstance(error, InvalidInput) else FAILED
         complaint = Complaint(pointer=error.where or "", message=error.message, hint=error.hint or "")
         return Ending(exit_code=code, code=error.code, complaints=(complaint,))
+    if isinstance(error, OSError) and error.errno in FULL:
+        return _disk_full(error)
     return _ending_of_service(error)
+
+
+def _disk_full(error: OSError) -> Ending:
+    """What was being written is gone, as files are whole or absent; all that was finished before is there."""
+    hint = "Make room, or give another folder with --out, and run the command again."
+    complaint = Complaint(pointer=str(error.filename or ""), message="the disk is full.", hint=hint)
+    return Ending(exit_code=FAILED, code="DISK_FULL", complaints=(complaint,))
 
 
 def tell(ending: Ending, *, as_json: bool) -> None:
