@@ -57,7 +57,7 @@ def reconstruct(
     spec_file: CaptureSpec = None,
     downscale: Annotated[int | None, typer.Option(min=1, max=64, help="Shrink pictures by this factor.")] = None,
     hold_out_every: Annotated[int | None, typer.Option(min=2, help="Keep every n-th view to measure the PSNR.")] = None,
-    frame_rate: Annotated[float | None, typer.Option(help="Pictures per second, where the capture does not say.")] = None,
+    frame_rate: Annotated[float | None, typer.Option(help="Pictures per second, where nothing says it.")] = None,
     as_json: Json = False,
 ) -> None:
     """Turn a capture into point clouds (frame_0000.ply …, clouds.json) and metrics.json."""
