@@ -140,7 +140,7 @@ def test_a_result_is_like_itself(call: Call, results: Path) -> None:
 
 def test_a_result_beside_a_truth_keeps_what_is_unmatched(call: Call, results: Path) -> None:
     rows = json.loads(call("compare", results, results.parent / "truth.npz", "--json").stdout)
-    assert {"organ", "mode", "truth_hz", "found_hz", "truth_damping", "found_damping", "mac", "verdict"} == set(rows[0])
+    assert {"organ", "mode", "truth_hz", "found_hz", "truth_damping", "found_damping", "mac", "verdict"} <= set(rows[0])
     assert [row["truth_hz"] for row in rows if row["truth_hz"] is not None] == [pytest.approx(2.17)]
     assert sum(row["truth_hz"] is None for row in rows) == 3
     assert "2.170" in call("compare", results, results.parent / "truth.npz").stdout

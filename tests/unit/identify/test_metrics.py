@@ -67,3 +67,21 @@ def test_close_lines_are_told_apart_by_their_shapes() -> None:
 
 def test_nothing_pairs_with_nothing() -> None:
     assert pair([], [1.0], within_hz=1.0) == []
+
+
+def test_a_shape_that_does_not_move_has_no_scale_and_no_phase() -> None:
+    with pytest.raises(InvalidInput, match="zero everywhere"):
+        msf(REAL, np.zeros(50))
+    with pytest.raises(InvalidInput, match="zero everywhere"):
+        mpd(np.zeros(3))
+
+
+@pytest.mark.parametrize("within_hz", [0.0, -1.0, np.nan])
+def test_lines_cannot_be_paired_within_no_distance(within_hz: float) -> None:
+    with pytest.raises(InvalidInput, match="cannot be paired"):
+        pair([1.0], [1.0], within_hz=within_hz)
+
+
+def test_likeness_of_other_modes_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="does not fit 1 and 2 lines"):
+        pair([1.0], [1.0, 2.0], np.ones((2, 2)), within_hz=1.0)
