@@ -3,7 +3,9 @@
 Messages are acknowledged early: a step that its worker loses comes back by its lease, not by redelivery.
 """
 
+import contextlib
 import logging
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
@@ -91,11 +93,43 @@ def _nothing() -> None:
 
 
 class ThreadsOfApp(TaskPool):
-    """Celery looks a task up in the current application of the thread that runs it: here that is the worker's own."""
+    """Threads that know their application, and that wake the consumer when one of them is free again.
+
+    Celery looks a task up in the current application of the thread that runs it: here that is the worker's own. With
+    prefetching disabled it asks Redis for the next message only when its event loop turns, which nobody else would
+    make it do before a second is over.
+    """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
         self.executor = ThreadPoolExecutor(max_workers=self.limit, initializer=self.app.set_current)
+        self._ear, self._mouth = os.pipe()
+        os.set_blocking(self._ear, False)
+        os.set_blocking(self._mouth, False)
+
+    def register_with_event_loop(self, loop: Any) -> None:
+        """Let the loop turn whenever a thread is free."""
+        loop.add_reader(self._ear, self._hear)
+
+    def on_apply(self, *args: Any, **options: Any) -> Any:
+        """Run a task; its future is done after Celery has counted it out."""
+        result = super().on_apply(*args, **options)
+        result.f.add_done_callback(self._say)
+        return result
+
+    def on_stop(self) -> None:
+        """Wait for the threads."""
+        super().on_stop()
+        for end in (self._ear, self._mouth):
+            os.close(end)
+
+    def _say(self, _: object) -> None:
+        with contextlib.suppress(OSError):  # the pipe is full, so the loop will turn, or the worker ends
+            os.write(self._mouth, b".")
+
+    def _hear(self) -> None:
+        with contextlib.suppress(OSError):
+            os.read(self._ear, 4096)
 
 
 def publish(app: Celery, message: Message) -> None:
