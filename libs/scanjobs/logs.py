@@ -22,6 +22,8 @@ SECRETS: Final = (
     (re.compile(r"\bwhsec_[A-Za-z0-9+/=_-]{8,}"), "whsec_***"),
     (re.compile(r"(?i)\b(bearer +|(?:password|secret)\s*[=:]\s*)[^\s,;&\"']{4,}"), r"\1***"),
 )
+TALKATIVE: Final = ("celery", "kombu", "alembic", "amqp")
+"""Libraries that tell of every message."""
 ON_THEIR_OWN: Final = ("uvicorn", "uvicorn.error", "uvicorn.access")
 """Loggers that come with handlers of their own."""
 
@@ -50,6 +52,8 @@ def configure(settings: Settings) -> None:
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(settings.log_level.upper())
+    for name in TALKATIVE:
+        logging.getLogger(name).setLevel(max(logging.WARNING, root.level))
     for name in ON_THEIR_OWN:
         logging.getLogger(name).handlers = []
         logging.getLogger(name).propagate = name != "uvicorn.access"  # the API logs its own answers, with their ids
