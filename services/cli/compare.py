@@ -91,7 +91,7 @@ def kind_of(path: Path) -> Literal["result", "truth"]:
     import numpy as np
 
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             names = set(archive.files)
     except (OSError, EOFError, ValueError, TypeError, AttributeError, BadZipFile) as error:
         raise InvalidInput(f"is no .npz ({error}).", where=str(path), hint=HINT) from error
