@@ -21,10 +21,18 @@ def branches(
     links: sparse.csr_matrix, foot: int, side: float
 ) -> tuple[Int[np.ndarray, " cells"], Float[np.ndarray, " cells"]]:
     """The branch of every cell of a connected structure, from 0 at its foot, and its way from the foot, metres."""
-    ways, before = csgraph.dijkstra(links, indices=foot, return_predecessors=True)
+    ways, before, _ = ways_from(links, np.array([foot]))
     levels = np.floor(ways / (LEVEL_CELLS * side)).astype(int)
     node, parent = _nodes(links, ways, levels, before)
     return _labels(node, parent, _fewest(levels)), ways
+
+
+def ways_from(
+    links: sparse.csr_matrix, starts: Int[np.ndarray, " starts"]
+) -> tuple[Float[np.ndarray, " cells"], Int[np.ndarray, " cells"], Int[np.ndarray, " cells"]]:
+    """The shortest way (metres) from any start to every cell, the cell before it (negative: none), and the start."""
+    ways, before, start = csgraph.dijkstra(links, True, starts, True, min_only=True)
+    return np.asarray(ways), np.asarray(before), np.asarray(start)
 
 
 def _nodes(

@@ -7,9 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int
 from scipy import sparse
-from scipy.sparse import csgraph
 
-from nerfmodal.cloud.branches import LEVEL_CELLS, branches
+from nerfmodal.cloud.branches import LEVEL_CELLS, branches, ways_from
 from nerfmodal.cloud.sheets import Sample, roughness, solidity, split_in_two
 from nerfmodal.cloud.voxels import Cells
 
@@ -46,7 +45,7 @@ def pieces_of(cells: Cells, links: sparse.csr_matrix, frames: Sequence[Sample]) 
     """A connected structure as sheets and rods; lumps are left out unless nothing else is there."""
     branch, ways = branches(links, int(np.argmin(cells.centers[:, 2])), cells.side)
     label = _cut_where_wider(branch, ways, cells)
-    label = _share_crowns(label, branch, links, ways, cells)
+    label = _share_crowns(label, branch, links, ways)
     label = _rejoin(label, links, ways, cells, frames)
     label = _share_junctions(label, links, ways, cells, frames)
     label = _tear_apart(label, links, ways, cells, frames)
@@ -118,9 +117,7 @@ def _step(values: np.ndarray) -> int:
     return 1 + int(np.argmin(costs))
 
 
-def _share_crowns(
-    label: np.ndarray, branch: np.ndarray, links: sparse.csr_matrix, ways: np.ndarray, cells: Cells
-) -> np.ndarray:
+def _share_crowns(label: np.ndarray, branch: np.ndarray, links: sparse.csr_matrix, ways: np.ndarray) -> np.ndarray:
     """Where a trunk was cut and branches go on, the cells between go to the nearest branch."""
     shared = label.copy()
     for one in np.unique(label[label % 2 == 1]):
@@ -130,7 +127,7 @@ def _share_crowns(
         if len(touching) < 2:
             continue
         starts = np.flatnonzero(np.isin(branch, touching))
-        shared[between] = label[_nearest(links, starts)[between]]
+        shared[between] = label[ways_from(links, starts)[2][between]]
     return shared
 
 
@@ -208,13 +205,8 @@ def _share_junctions(
         meets = len(around) >= 2 and rough[one] > JUNCTION * np.median([rough[other] for other in around])
         if kinds[one] != "rod" and meets:
             mine = np.flatnonzero(label == one)
-            shared[mine] = label[_nearest(links, np.flatnonzero(np.isin(label, around)))[mine]]
+            shared[mine] = label[ways_from(links, np.flatnonzero(np.isin(label, around)))[2][mine]]
     return shared
-
-
-def _nearest(links: sparse.csr_matrix, starts: np.ndarray) -> np.ndarray:
-    """The nearest of the cells `starts` to every cell, along the structure."""
-    return np.asarray(csgraph.dijkstra(links, indices=starts, min_only=True, return_predecessors=True)[2])
 
 
 def _tear_apart(

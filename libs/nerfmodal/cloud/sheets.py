@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.polynomial import legendre
-from scipy import sparse, spatial
+from scipy import sparse, spatial, special
 
 DEGREE = 5
 SPLIT_DEGREE = 3
@@ -136,6 +135,6 @@ def _heights(fitted: np.ndarray, asked: np.ndarray, frame: tuple[np.ndarray, np.
 
 def _terms(unit: np.ndarray, degree: int) -> np.ndarray:
     """Products of Legendre polynomials up to a total degree."""
-    every = legendre.legvander2d(unit[:, 0], unit[:, 1], [degree, degree])
-    low = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel() <= degree
-    return np.asarray(every[:, low])
+    along, across = (special.eval_legendre(np.arange(degree + 1), unit[:, axis, None]) for axis in (0, 1))
+    places = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+    return np.stack([along[:, i] * across[:, j] for i, j in places], axis=1)
