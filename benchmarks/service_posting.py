@@ -25,9 +25,7 @@ def posting_rows(machine: Servers) -> Iterator[Row]:
         for _ in range(ROUNDS):
             emptied += throughput(port, lambda: empty, clients=CLIENTS, seconds=ROUND_S) / ROUNDS
             posted += (
-                throughput(
-                    port, lambda: request("POST", "/v1/scans", next(bodies)), clients=CLIENTS, seconds=ROUND_S
-                )
+                throughput(port, lambda: request("POST", "/v1/scans", next(bodies)), clients=CLIENTS, seconds=ROUND_S)
                 / ROUNDS
             )
     what = f"POST /v1/scans ({posted:.0f}/s) over an empty handler ({emptied:.0f}/s)"
