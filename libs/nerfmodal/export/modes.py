@@ -105,6 +105,7 @@ def _mode(organ: OrganResult, k: int) -> dict[str, Any]:
         "energy_share": _known(quality.energy_share),
         "mpc": _known(quality.mpc),
         "mac_between_methods": None if quality.mac_between_methods is None else _known(quality.mac_between_methods),
+        "agreeing_methods": list(quality.agreeing),
         "verdict": quality.verdict.value,
         "reasons": [reason.name for reason in quality.reasons],
         "normalisation": SHAPE_CONVENTION["normalisation"],

@@ -1,7 +1,7 @@
 """Modes as tables, a mode a line: `modes.csv` for people, `modes.parquet` for programs.
 
 Both have the columns of `TABLE_COLUMNS` with their units in the names; what is not known is empty (CSV) or null
-(Parquet). In Parquet `reasons` is a list of words and the file's metadata holds the scan's name and its provenance.
+(Parquet). Lists are words between spaces in CSV; Parquet's metadata holds the scan's name and its provenance.
 """
 
 import csv
@@ -29,12 +29,14 @@ TABLE_COLUMNS = {
     "energy_share": NUMBER,
     "mpc": NUMBER,
     "mac_between_methods": NUMBER,
+    "agreeing_methods": pa.list_(WORDS),
     "verdict": WORDS,
     "reasons": pa.list_(WORDS),
     "normalisation": WORDS,
     "shape": WORDS,
 }
 """The columns and their types in Parquet."""
+LISTS = ("agreeing_methods", "reasons")
 
 
 def mode_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -48,7 +50,7 @@ def mode_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def write_csv(document: Mapping[str, Any], path: Path) -> Path:
     """Write the modes of `modes.json` as a CSV."""
-    rows = [row | {"reasons": " ".join(row["reasons"])} for row in mode_rows(document)]
+    rows = [row | {name: " ".join(row[name]) for name in LISTS} for row in mode_rows(document)]
     with atomic_write(path) as temporary, temporary.open("w", newline="") as file:
         table = csv.DictWriter(file, fieldnames=list(TABLE_COLUMNS))
         table.writeheader()

@@ -68,6 +68,7 @@ def test_every_number_stands_with_its_deviation_and_every_reason_in_words():
     assert "1.00 ± 0.12" in words
     assert Reason.HARMONIC.value in words
     assert "✗ rejected" in words
+    assert "1 other" in words  # method saw the first mode
 
 
 def test_what_was_measured_is_said():

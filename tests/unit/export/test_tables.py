@@ -21,7 +21,8 @@ def test_csv_and_document_agree(tmp_path: Path):
     with write_csv(DOCUMENT, tmp_path / "modes.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["damping_ratio"]) for row in rows] == [mode["damping_ratio"] for mode in MODES]
-    assert [row["reasons"].split() for row in rows] == [mode["reasons"] for mode in MODES]
+    for name in ("reasons", "agreeing_methods"):
+        assert [row[name].split() for row in rows] == [mode[name] for mode in MODES]
     assert set(MODES[0]) | {"organ"} == set(TABLE_COLUMNS)
 
 
