@@ -15,7 +15,13 @@ def train_frame(job: Job, report: Report) -> Produced:
     path = job.out / f"checkpoint_{name}.safetensors"
     checkpoint = _train(job, report)
     io.write_checkpoint(path, checkpoint)
-    facts = {"iterations": checkpoint.step, "psnr": checkpoint.psnr, "held_out_psnr": checkpoint.held_out_psnr}
+    rays = checkpoint.step * job.spec.reconstruction.rays_per_batch
+    facts = {
+        "iterations": checkpoint.step,
+        "rays": rays,
+        "psnr": checkpoint.psnr,
+        "held_out_psnr": checkpoint.held_out_psnr,
+    }
     return Produced(files=(Made("checkpoint", path),), facts=facts)
 
 
