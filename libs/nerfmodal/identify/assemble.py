@@ -8,11 +8,13 @@ from jaxtyping import Float
 from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.metrics import mpc
 from nerfmodal.identify.readings import Consensus, Reading, Record, consensus, normalised
-from nerfmodal.identify.shapes import coordinates_of, rotate_to_real
+from nerfmodal.identify.shapes import rotate_to_real
 from nerfmodal.identify.sinusoids import SinusoidFit
 from nerfmodal.identify.verdicts import combination_lines, reasons_of, verdict_of
 from nerfmodal.types import ModalModel, ModeQuality, Outcome
 
+INDEPENDENT = 0.1
+"""Smallest singular value of the unit shapes, over the largest, at which they still tell their coordinates apart."""
 CLEAR = 3.0
 """Amplitude over residual from which a line is no drift of the clouds' errors."""
 
@@ -66,12 +68,16 @@ def energy_shares(record: Record, reading: Reading) -> Float[np.ndarray, " modes
 
 
 def _coordinates(record: Record, fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
-    """q by least squares in the seen frames; in lost ones what the fitted lines say."""
-    coordinates = coordinates_of(record.axes.scores[:, : len(local)], local)
-    lost = ~record.displacement.valid
-    if lost.any() and local.shape[1]:
-        coordinates[lost] = _predicted(record.displacement.times, fit, local)[lost]
-    return coordinates
+    """The fitted lines, and by least squares what they leave; in lost frames the lines alone.
+
+    Where shapes are independent this is the least-squares q of D ≈ q Phi. Where one is a mixture of the others (more
+    modes than shapes can be told apart) what is left is shared out, and does not drown the lines.
+    """
+    lines = _predicted(record.displacement.times, fit, local)
+    sizes = np.sqrt((local**2).sum(axis=0))
+    weights = np.linalg.pinv(local / sizes, rcond=INDEPENDENT).T / sizes
+    left = record.axes.scores[:, : len(local)] - lines @ local.T
+    return np.asarray(lines + np.nan_to_num(left) @ weights)
 
 
 def _predicted(times: np.ndarray, fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
@@ -89,8 +95,8 @@ def _amplitudes(record: Record, fit: SinusoidFit) -> np.ndarray:
 
 def _residual_sizes(fit: SinusoidFit, local: np.ndarray) -> np.ndarray:
     """Standard deviation along each shape of what the fit leaves, metres of modal coordinate."""
-    weights = np.linalg.pinv(local)
-    return np.asarray(np.sqrt(np.einsum("mc,cd,md->m", weights, fit.noise, weights)))
+    weights = local / (local**2).sum(axis=0)
+    return np.asarray(np.sqrt(np.einsum("cm,cd,dm->m", weights, fit.noise, weights)))
 
 
 def _judge(
