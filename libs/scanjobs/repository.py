@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-import uuid6
 from nerfmodal.spec import ScanSpec, SimulationSource
 from sqlalchemy import Select, func, insert, or_, select
 from sqlalchemy.orm import Session, selectinload
@@ -26,6 +25,7 @@ from scanjobs.settling import settle
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Event, IdempotencyKey, Scan, ScanTag, Step, Worker, table_of
 from scanjobs.transitions import born_scan
+from scanjobs.uuids import new_id as new_id
 
 LOCAL_OWNER = "local"
 HIGHEST_LIMIT = 200
@@ -79,11 +79,6 @@ class StoredFile:
     digest: str
     size: int
     media_type: str
-
-
-def new_id() -> str:
-    """A UUIDv7: later ids sort after earlier ones."""
-    return str(uuid6.uuid7())
 
 
 def insert_scan(

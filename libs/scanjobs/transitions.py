@@ -11,6 +11,7 @@ from scanjobs.clock import now_s
 from scanjobs.meters import count_scan
 from scanjobs.states import TERMINAL_SCAN_STATES, ScanState, StepState, check_move
 from scanjobs.tables import Event, Scan, Step, table_of
+from scanjobs.webhooks import announce_scan
 
 Values = Mapping[str, Any]
 BATCH = 500
@@ -31,6 +32,7 @@ def move_scan(
     _record(session, [_event(scan.id, None, scan.generation, current.value, target.value, reason)])
     if target in TERMINAL_SCAN_STATES:
         count_scan(session, target)
+    announce_scan(session, scan)
 
 
 def move_step(

@@ -1,7 +1,8 @@
 """The one factory of the API: tests pass other parts to the same function."""
 
+import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 from fastapi import FastAPI
 from scanjobs.artifacts import ArtifactStore
@@ -11,6 +12,7 @@ from scanjobs.store import Store, open_store
 
 from services.api import errors
 from services.api.cursors import Cursors
+from services.api.deliveries import Deliveries
 from services.api.dependencies import Parts
 from services.api.doorkeeper import Doorkeeper
 from services.api.middleware import BodyLimit, RequestIds
@@ -29,8 +31,24 @@ from services.api.routes import (
     scans,
     steps,
     uploads,
+    webhooks,
 )
 
+ROUTES = (
+    scans,
+    forks,
+    steps,
+    events,
+    modes,
+    artifacts,
+    uploads,
+    captures,
+    keys,
+    webhooks,
+    info,
+    health,
+    metrics,
+)
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
 
@@ -52,7 +70,11 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        delivering = asyncio.create_task(Deliveries(store, settings).run())
         yield
+        delivering.cancel()
+        with suppress(asyncio.CancelledError):
+            await delivering
         await parts.news.close()
         if own:
             parts.store.close()
@@ -69,7 +91,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
     app.add_middleware(RequestIds)
     metrics.install(app)
     errors.install(app)
-    for module in (scans, forks, steps, events, modes, artifacts, uploads, captures, keys, info, health, metrics):
+    for module in ROUTES:
         app.include_router(module.router)
     document_refusals(app)
     return app
