@@ -54,8 +54,8 @@ def _reach(organ: SensorGrid) -> float:
 def _by_color(axes: Axes3D, points: PointCloud, kept: Int[np.ndarray, " kept"]) -> None:
     shown = points.points[kept]
     axes.scatter(*shown.T, c=np.clip(points.colors[kept], 0, 1), s=1.2, linewidths=0, depthshade=False)
-    axes.set_title("in its own colours", fontsize=TITLE, y=1.02)
-    frame_points(axes, shown, zoom=0.86)
+    axes.set_title("in its own colours", fontsize=TITLE, y=0.97)
+    frame_points(axes, shown, zoom=0.95)
 
 
 def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanResult) -> None:
@@ -66,8 +66,8 @@ def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanRe
         mine = shown[labels == index]
         axes.scatter(*mine.T, color=CYCLE[index % len(CYCLE)], s=1.5, linewidths=0, depthshade=False)
         _name(axes, grid, shown.mean(axis=0))
-    axes.set_title("by organ (grey: none)", fontsize=TITLE, y=1.02)
-    frame_points(axes, shown, zoom=0.86)
+    axes.set_title("by organ (grey: none)", fontsize=TITLE, y=0.97)
+    frame_points(axes, shown, zoom=0.95)
 
 
 def _name(axes: Axes3D, grid: SensorGrid, middle: Float[np.ndarray, " 3"]) -> None:

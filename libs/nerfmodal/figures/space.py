@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
 from nerfmodal.figures.style import LABEL, TICK, TITLE, new_figure
@@ -69,5 +70,6 @@ def frame_points(axes: Axes3D, points: Float[np.ndarray, "points 3"], *, zoom: f
     for name, centre, extent in zip("xyz", middle, span, strict=True):
         getattr(axes, f"set_{name}lim")(centre - 0.52 * extent, centre + 0.52 * extent)
         getattr(axes, f"set_{name}label")(f"{name} (m)", fontsize=LABEL - 1, labelpad=-6)
-        axes.locator_params(axis=name, nbins=int(np.clip(4 * extent / span.max(), 1, 4)))
+        ticks = MaxNLocator(int(np.clip(4 * extent / span.max(), 1, 4)) + 1, prune="both")  # ends of two axes collide
+        getattr(axes, f"{name}axis").set_major_locator(ticks)
     axes.set_box_aspect(span, zoom=zoom)
