@@ -33,7 +33,7 @@ from sqlalchemy import func, select
 from tests.integration.toy_service import Service, WorkerProcess, looking_at, toy_settings, toy_spec
 
 OUT = Path("out/benchmarks/chaos.json")
-FATES = ("runner",) * 8 + ("worker",) * 3 + ("freeze", "everybody")
+FATES = ("runner",) * 15 + ("worker",) * 5 + ("freeze", "everybody")
 """What is done to whom, by its share."""
 AT_ONCE = 3
 """Scans under way."""
@@ -110,7 +110,7 @@ def torment(service: Service, crew: Crew, chance: random.Random, kills: int, min
             seed += 1
         crew.suffer(service, toll)
         toll.recoveries.append(wait_for_work(service))
-        time.sleep(chance.uniform(0.0, 0.3))
+        time.sleep(chance.uniform(0.0, 0.2))
         if toll.total >= told + 100:
             told = toll.total
             print(f"{toll.total} kills, {seed} scans begun", flush=True)

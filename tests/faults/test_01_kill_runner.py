@@ -13,7 +13,7 @@ from tests.integration.toy_service import looking_at, toy_spec
 def test_six_killed_runners_cost_six_attempts_and_no_step(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     """Guard: `RUNNER_DIED` is retryable (`death_of`, `leases.fail`).
 
-    Seen to fail: with `retryable=False` in `death_of` the scan ends failed after the first kill.
+    Seen to fail: with `retryable=False` in `death_of` the scan has failed after the first kill.
     """
     monkeypatch.setenv("TOY_SECONDS", "0.4")
     chance = random.Random(1)
@@ -22,6 +22,7 @@ def test_six_killed_runners_cost_six_attempts_and_no_step(settings: Settings, mo
         scan_id = service.submit(toy_spec(frames=4))
         killed: set[int] = set()
         while len(killed) < 6:
+            assert service.scan(scan_id).state in ("queued", "running")
             running = sorted(pid for pid in service.runners().values() if pid not in killed)
             if running:
                 victim = chance.choice(running)

@@ -17,8 +17,8 @@ def test_only_what_has_changed_is_computed_again(settings: Settings) -> None:
     """Guards: a retry keeps what had succeeded (`control._kept`); a fork finds steps by the digest of their inputs
     (`fanin.take_over`).
 
-    Seen to fail: with `_kept` returning nothing but what was asked, the retry renders and trains again; with
-    `_same_step` returning None the fork does.
+    Seen to fail: with `_same_step` returning None the fork computes everything; with `_kept` returning nothing as well
+    (each alone is enough for a retry) the retry does.
     """
     with serving(settings) as service:
         spec = toy_spec(frames=8)

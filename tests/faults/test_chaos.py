@@ -23,7 +23,7 @@ from tests.integration.toy_service import (
     worker_process,
 )
 
-FAULTS_S = 10.0
+FAULTS_S = 8.0
 
 
 class Crew:
@@ -78,7 +78,7 @@ def suffer_for(seconds: float, hired: Crew, chance: random.Random) -> None:
         hired.suffer()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1])
 def test_random_kills_lose_and_double_nothing(tmp_path: Path, seed: int) -> None:
     """Fsck says that each step was accepted once; the guards one by one are in tests/unit/scanjobs/test_leases.py."""
     chance = random.Random(seed)

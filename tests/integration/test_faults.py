@@ -1,29 +1,17 @@
 """What happens to a scan when something is killed, cancelled, repeated or broken while it runs."""
 
-import time
 from pathlib import Path
 
 import pytest
-from nerfmodal.spec import IdentificationSpec, ReconstructionSpec
+from nerfmodal.spec import ReconstructionSpec
 from scanjobs import control, repository
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import DataFolderInUse, IllegalTransition
-from scanjobs.messages import EXTRACT, IDENTIFY, RENDER, TRAIN, Message
+from scanjobs.messages import EXTRACT, IDENTIFY, TRAIN
 from scanjobs.plan import WHOLE_SCAN
-from scanjobs.queue import make_app, publish
-from scanjobs.states import StepState
 
 from services.worker.app import embedded_worker
 from tests.integration.toy_service import Service, is_alive, toy_spec
-
-
-def test_killed_runner_costs_one_attempt(service: Service, tmp_path: Path) -> None:
-    mark = tmp_path / "died"
-    scan = service.end_of(service.submit(toy_spec(trouble=f"{TRAIN}:1:die_once={mark}")))
-    assert scan.state == "succeeded"
-    attempts = {(step.kind, step.frame): step.attempt for step in service.steps(scan.id)}
-    assert attempts.pop((TRAIN, 1)) == 2
-    assert set(attempts.values()) == {1}
 
 
 def test_runner_that_always_dies_fails_the_scan_with_a_hint(service: Service) -> None:
@@ -33,19 +21,6 @@ def test_runner_that_always_dies_fails_the_scan_with_a_hint(service: Service) ->
     assert (scan.error["step"], scan.error["code"]) == (TRAIN, "RUNNER_DIED")
     assert "memory" in scan.error["hint"]
     assert service.step(scan.id, TRAIN, WHOLE_SCAN).attempt == 3
-
-
-@pytest.mark.parametrize(("kind", "frame"), [(RENDER, 0), (TRAIN, -1), (TRAIN, 1), (EXTRACT, 0), (IDENTIFY, -1)])
-def test_cancel_stops_computing_within_five_seconds(service: Service, kind: str, frame: int) -> None:
-    scan_id = service.submit(toy_spec(frames=2, trouble=f"{kind}:{frame}:slow"))
-    runner = service.runner_of(scan_id, kind, frame)
-    asked_at = time.monotonic()
-    service.store.write(lambda session: control.cancel_scan(session, scan_id))
-    scan = service.end_of(scan_id)
-    assert scan.state == "canceled"
-    assert time.monotonic() - asked_at < 5
-    assert not is_alive(runner)
-    assert {step.state for step in service.steps(scan_id)} <= {StepState.CANCELED, StepState.SUCCEEDED}
 
 
 def test_ended_scan_cannot_be_cancelled(service: Service) -> None:
@@ -68,45 +43,9 @@ def test_permanent_error_fails_at_once_with_its_remedy(service: Service) -> None
     assert service.step(scan.id, TRAIN, 1).attempt == 1
 
 
-def test_lost_frames_within_the_limit_are_a_gap(service: Service) -> None:
-    spec = toy_spec(frames=4, trouble=f"{TRAIN}:1:invalid {EXTRACT}:3:invalid", max_failed_frames=2)
-    scan = service.end_of(service.submit(spec))
-    assert scan.state == "succeeded"
-    states = {(step.kind, step.frame): step.state for step in service.steps(scan.id)}
-    assert states[(EXTRACT, 1)] == StepState.FAILED
-    assert states[(EXTRACT, 2)] == StepState.SUCCEEDED
-    assert states[(IDENTIFY, -1)] == StepState.SUCCEEDED
-
-
-def test_one_lost_frame_more_than_the_limit_fails_the_scan(service: Service) -> None:
-    spec = toy_spec(frames=4, trouble=f"{TRAIN}:1:invalid {EXTRACT}:3:invalid", max_failed_frames=1)
-    assert service.end_of(service.submit(spec)).state == "failed"
-
-
-def test_message_delivered_three_times_is_computed_once(service: Service) -> None:
-    app = make_app(service.settings.broker_url)
-    scan_id = service.submit(toy_spec(frames=2))
-    for _ in range(3):
-        for step in service.steps(scan_id):
-            publish(app, Message(step.kind, step.queue, step.id))
-            publish(app, Message(step.kind, step.queue, step.id))
-        time.sleep(0.2)
-    assert service.end_of(scan_id).state == "succeeded"
-    assert {step.token for step in service.steps(scan_id)} == {1}
-
-
 def test_second_server_on_one_data_folder_is_refused(service: Service) -> None:
     with pytest.raises(DataFolderInUse), embedded_worker(service.settings):
         pass
-
-
-def test_retry_from_identify_trains_nothing_again(service: Service) -> None:
-    scan = service.end_of(service.submit(toy_spec(frames=2)))
-    service.store.write(lambda session: control.retry_scan(session, scan.id, from_kind=IDENTIFY))
-    again = service.end_of(scan.id)
-    assert (again.state, again.generation) == ("succeeded", 1)
-    computed = [step.kind for step in service.steps(scan.id) if step.token]
-    assert computed == [IDENTIFY]
 
 
 def test_retry_of_one_frame_computes_that_frame_and_the_identification(service: Service) -> None:
@@ -125,15 +64,6 @@ def test_retry_after_a_failure_keeps_what_succeeded(service: Service, tmp_path: 
     again = service.end_of(scan.id)
     assert (again.state, again.error) == ("succeeded", None)
     assert [step.kind for step in service.steps(scan.id) if step.token] == [IDENTIFY]
-
-
-def test_fork_with_another_identification_renders_and_trains_nothing(service: Service) -> None:
-    spec = toy_spec(frames=2, seed=5)
-    scan = service.end_of(service.submit(spec))
-    other = spec.model_copy(update={"identification": IdentificationSpec(max_modes=3)})
-    fork = service.store.write(lambda session: control.fork_scan(session, scan.id, other))
-    assert service.end_of(fork.id).state == "succeeded"
-    assert [step.kind for step in service.steps(fork.id) if step.token] == [IDENTIFY]
 
 
 def test_fork_with_another_training_renders_nothing_and_trains_all(service: Service) -> None:

@@ -29,7 +29,7 @@ FRAMES_OF_A_CAPTURE = 2
 
 def toy(job: Job, report: Report) -> Produced:
     """Read all inputs, take a while, write one file that depends on them."""
-    facts: dict[str, object] = {"pid": os.getpid()}
+    facts: dict[str, object] = {"pid": os.getpid(), "gpu": os.environ.get("CUDA_VISIBLE_DEVICES")}
     _go_wrong(job, report)
     chained = _chain(job, report, facts)
     _burn(SECONDS, report)

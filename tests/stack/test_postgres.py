@@ -7,37 +7,17 @@ import time
 from pathlib import Path
 
 import pytest
-from alembic.autogenerate import compare_metadata
-from alembic.migration import MigrationContext
 from scanjobs import dispatch, leases, repository, workers
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.clock import now_s
 from scanjobs.fsck import check
 from scanjobs.messages import EXTRACT, IDENTIFY, QUEUES, RENDER, TRAIN
-from scanjobs.migrate import downgrade, upgrade
+from scanjobs.migrate import upgrade
 from scanjobs.store import open_store
-from scanjobs.tables import Base
 from scanjobs.workers import WorkerIdentity
-from sqlalchemy import inspect, select
+from sqlalchemy import select
 
 from tests.integration.toy_service import toy_spec
-
-
-def test_models_and_revisions_agree_up_down_and_up_again(database_url: str) -> None:
-    for _ in range(2):
-        upgrade(database_url)
-        store = open_store(database_url)
-        with store.engine.connect() as connection:
-            context = MigrationContext.configure(connection, opts={"compare_type": True})
-            assert compare_metadata(context, Base.metadata) == []
-        store.write(lambda session: repository.insert_scan(session, toy_spec()))
-        with store.read() as session:
-            assert len(repository.list_scans(session).items) == 1
-        store.close()
-        downgrade(database_url, "base")
-    store = open_store(database_url)
-    assert set(inspect(store.engine).get_table_names()) <= {"alembic_version"}
-    store.close()
 
 
 def test_processes_that_start_together_migrate_one_after_the_other(database_url: str) -> None:
