@@ -170,7 +170,14 @@ def main() -> None:
         for row in GROUPS[group]():
             print(row.line(), flush=True)
             rows.append(row)
-    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=1))
+    OUT.write_text(json.dumps(beside_earlier([row.as_json() for row in rows]), indent=1))
+
+
+def beside_earlier(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """These rows after those of groups that ran earlier."""
+    earlier = json.loads(OUT.read_text()) if OUT.is_file() else []
+    measured = {row["what"] for row in rows}
+    return [row for row in earlier if row["what"] not in measured] + rows
 
 
 if __name__ == "__main__":
