@@ -88,7 +88,7 @@ def test_functions_and_tests_of_the_equations_exist(file: str, function: str):
 def test_compose_file_names_real_files_and_services():
     compose = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
     services = compose["services"]
-    assert {"postgres", "redis", "migrate", "api", "worker-cpu", "worker-render"} <= set(services)
+    assert {"postgres", "redis", "migrate", "api", "worker-train", "worker-render"} <= set(services)
     builds = [service["build"] for service in services.values() if "build" in service]
     assert all((ROOT / build["context"] / build["dockerfile"]).exists() for build in builds)
     needed = {other for service in services.values() for other in service.get("depends_on", {})}
