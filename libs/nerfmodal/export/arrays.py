@@ -22,7 +22,7 @@ from zarr.storage import ZipStore
 from nerfmodal.io import atomic_write
 from nerfmodal.types import DisplacementMatrix, OrganResult, ScanResult
 
-MOST_BYTES = 1 << 29
+MOST_BYTES = 1 << 28
 """Of one organ's displacement before compression."""
 CHUNK = (256, 1024)
 """Frames and sensors of a chunk: 1 MiB for one axis."""
