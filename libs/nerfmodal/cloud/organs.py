@@ -98,7 +98,7 @@ def _pieces(cells: Cells, frames: list[Sample]) -> list[Piece]:
         within = [(points[numbers >= 0], numbers[numbers >= 0]) for points, numbers in within]
         pieces = pieces_of(part, links[mine][:, mine], within)
         found += [Piece(cells=mine[piece.cells], kind=piece.kind) for piece in pieces]
-    return [piece for piece in found if piece.kind != "lump"] or found[:1]
+    return found
 
 
 def _named(cells: Cells, pieces: Sequence[Piece]) -> tuple[FoundOrgan, ...]:
@@ -106,7 +106,7 @@ def _named(cells: Cells, pieces: Sequence[Piece]) -> tuple[FoundOrgan, ...]:
     for place, piece in enumerate(pieces):
         labels[piece.cells] = place
     middle = cells.centers.mean(axis=0)
-    sheets = [place for place, piece in enumerate(pieces) if piece.kind != "rod"]
+    sheets = [place for place, piece in enumerate(pieces) if piece.kind == "sheet"]
     rods = [place for place, piece in enumerate(pieces) if piece.kind == "rod"]
     sheets.sort(key=lambda place: _direction(cells, labels == place, middle))
     rods.sort(key=lambda place: -len(pieces[place].cells))

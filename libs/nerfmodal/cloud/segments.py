@@ -19,6 +19,7 @@ STOUT = 0.30
 ROUND = 0.45
 """Thickness over width of a section from which it is round."""
 WIDENS = 1.8
+USUAL = 1.25
 FEWEST_LEVELS = 6
 SHORTEST_ROD = 0.25
 """Of a branch's levels: a shorter narrow end is a stalk or a tip."""
@@ -31,6 +32,9 @@ SMOOTH = 0.004
 JUNCTION = 1.5
 """A piece between others that is rougher than they are by this factor is where they meet."""
 FEWEST_CELLS = 24
+MEETING = -1
+"""The label of cells where branches leave a rod: nobody's."""
+MEETING_LEVELS = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,20 +46,20 @@ class Piece:
 
 
 def pieces_of(cells: Cells, links: sparse.csr_matrix, frames: Sequence[Sample]) -> list[Piece]:
-    """A connected structure as sheets and rods; lumps are left out unless nothing else is there."""
+    """A connected structure as sheets and rods; lumps are what is neither, and where branches leave a rod."""
     branch, ways = branches(links, int(np.argmin(cells.centers[:, 2])), cells.side)
     label = _cut_where_wider(branch, ways, cells)
-    label = _share_crowns(label, branch, links, ways)
+    label = _share_crowns(label, branch, links, ways, cells)
     label = _rejoin(label, links, ways, cells, frames)
     label = _share_junctions(label, links, ways, cells, frames)
     label = _tear_apart(label, links, ways, cells, frames)
-    pieces = [_piece(np.flatnonzero(label == one), ways, cells) for one in np.unique(label)]
-    large = [piece for piece in pieces if len(piece.cells) >= FEWEST_CELLS]
-    return [piece for piece in large if piece.kind != "lump"] or large
+    return [_piece(one, label, ways, cells) for one in np.unique(label)]
 
 
-def _piece(mine: np.ndarray, ways: np.ndarray, cells: Cells) -> Piece:
-    return Piece(cells=mine, kind=_kind(mine, ways, cells))
+def _piece(one: int, label: np.ndarray, ways: np.ndarray, cells: Cells) -> Piece:
+    mine = np.flatnonzero(label == one)
+    small = one == MEETING or len(mine) < FEWEST_CELLS
+    return Piece(cells=mine, kind="lump" if small else _kind(mine, ways, cells))
 
 
 def _kind(mine: np.ndarray, ways: np.ndarray, cells: Cells) -> Kind:
@@ -102,7 +106,7 @@ def _cut_where_wider(branch: np.ndarray, ways: np.ndarray, cells: Cells) -> np.n
         widths, _, _ = _sections(mine, ways, cells)
         if len(widths) < FEWEST_LEVELS or len(widths) != levels.max() + 1:
             continue
-        cut = _step(np.log(widths + cells.side))
+        cut = _before_widening(widths, _step(np.log(widths + cells.side)))
         ratio = np.median(widths[cut:]) / max(float(np.median(widths[:cut])), cells.side)
         narrow = levels < cut if ratio > 1 else levels >= cut
         long = np.mean(np.arange(len(widths)) < cut) if ratio > 1 else np.mean(np.arange(len(widths)) >= cut)
@@ -111,14 +115,24 @@ def _cut_where_wider(branch: np.ndarray, ways: np.ndarray, cells: Cells) -> np.n
     return label
 
 
+def _before_widening(widths: np.ndarray, cut: int) -> int:
+    """The cut moved down to where the section first is a little wider than below."""
+    usual = float(np.median(widths[:cut]))
+    while cut > FEWEST_LEVELS and USUAL * usual < widths[cut - 1] < widths[cut]:
+        cut -= 1
+    return cut
+
+
 def _step(values: np.ndarray) -> int:
     """Where two constants, one before and one from there on, come closest to the values."""
     costs = [values[:k].var() * k + values[k:].var() * (len(values) - k) for k in range(1, len(values))]
     return 1 + int(np.argmin(costs))
 
 
-def _share_crowns(label: np.ndarray, branch: np.ndarray, links: sparse.csr_matrix, ways: np.ndarray) -> np.ndarray:
-    """Where a trunk was cut and branches go on, the cells between go to the nearest branch."""
+def _share_crowns(
+    label: np.ndarray, branch: np.ndarray, links: sparse.csr_matrix, ways: np.ndarray, cells: Cells
+) -> np.ndarray:
+    """Where a trunk was cut and branches go on: next to the trunk nobody's, further out the nearest branch's."""
     shared = label.copy()
     for one in np.unique(label[label % 2 == 1]):
         between = np.flatnonzero(label == one)
@@ -127,7 +141,9 @@ def _share_crowns(label: np.ndarray, branch: np.ndarray, links: sparse.csr_matri
         if len(touching) < 2:
             continue
         starts = np.flatnonzero(np.isin(branch, touching))
+        top = between[ways[between] < ways[between].min() + MEETING_LEVELS * LEVEL_CELLS * cells.side]
         shared[between] = label[ways_from(links, starts)[2][between]]
+        shared[top] = MEETING
     return shared
 
 
@@ -153,7 +169,7 @@ def _rejoin(
 def _neighbours(label: np.ndarray, links: sparse.csr_matrix) -> list[tuple[int, int]]:
     pairs = links.tocoo()
     ends = np.stack([label[pairs.row], label[pairs.col]], axis=1)
-    return [(int(a), int(b)) for a, b in np.unique(ends[ends[:, 0] < ends[:, 1]], axis=0)]
+    return [(int(a), int(b)) for a, b in np.unique(ends[(ends[:, 0] < ends[:, 1]) & (ends[:, 0] != MEETING)], axis=0)]
 
 
 def _likeness(label: np.ndarray, pair: tuple[int, int], ways: np.ndarray, cells: Cells) -> float:
@@ -198,7 +214,7 @@ def _share_junctions(
     """Where several sheets meet is no sheet of its own: its cells go to the nearest of them."""
     shared = label.copy()
     pairs = _neighbours(label, links)
-    kinds = {int(one): _kind(np.flatnonzero(label == one), ways, cells) for one in np.unique(label)}
+    kinds = {int(one): _kind(np.flatnonzero(label == one), ways, cells) for one in np.unique(label[label != MEETING])}
     rough = {one: roughness(_points(frames, label == one)) for one in kinds}
     for one in kinds:
         around = [other for pair in pairs if one in pair for other in pair if other != one and kinds[other] == "sheet"]
@@ -214,7 +230,7 @@ def _tear_apart(
 ) -> np.ndarray:
     """A piece that two sheets follow much better than one is two that touch."""
     label = label.copy()
-    waiting = [int(one) for one in np.unique(label)]
+    waiting = [int(one) for one in np.unique(label[label != MEETING])]
     while waiting:
         one = waiting.pop()
         mine = np.flatnonzero(label == one)
