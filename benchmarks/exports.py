@@ -86,7 +86,9 @@ def measure() -> dict[str, float]:
 
 def rows() -> Iterator[Row]:
     """The table, measured in a process that does nothing else."""
-    done = subprocess.run([sys.executable, "-m", __name__, "--measure"], check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.exports", "--measure"], check=True, capture_output=True, text=True
+    )
     found = json.loads(done.stdout)
     wide = f"{FRAMES:,} frames x {SENSORS:,} sensors, {MODES} modes"
     yield Row(what=f"{wide}: peak memory of all exports", value=found["peak_gib"], unit="GiB", floor=1.0, aim=0.5)

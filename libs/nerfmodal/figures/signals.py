@@ -17,6 +17,8 @@ DECADES = 6
 FAINTEST = 1e-12
 """Peak in mm²/Hz below which a spectrum is drawn as nothing."""
 MOST_COMPONENTS = 6
+MOST_FRAMES = 300
+"""Of a history that are drawn: more are one block of ink. The spectrum is always that of the whole record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,16 +86,24 @@ def _draw(displacement: DisplacementMatrix, rows: list[Row], title: str) -> Figu
         values = np.where(displacement.valid, row.values, np.nan)
         _history(left, displacement.times, values, row)
         _spectrum(right, displacement, values, row)
-    panels[-1, 0].set_xlabel("time (s)", fontsize=LABEL)
+    panels[-1, 0].set_xlabel(_time_label(displacement.times), fontsize=LABEL)
     panels[-1, 1].set_xlabel("frequency (Hz)", fontsize=LABEL)
     return figure
 
 
+def _time_label(times: Float[np.ndarray, " frames"]) -> str:
+    if len(times) <= MOST_FRAMES:
+        return "time (s)"
+    first, whole = times[MOST_FRAMES - 1] - times[0], times[-1] - times[0]
+    return f"time (s), the first {first:.3g} of {whole:.3g} s"
+
+
 def _history(axes: Axes, times: Float[np.ndarray, " frames"], values: Float[np.ndarray, " frames"], row: Row) -> None:
-    axes.plot(times, values, color=BLUE, linewidth=1.0, marker=".", markersize=2.5)
+    shown = times[:MOST_FRAMES]
+    axes.plot(shown, values[:MOST_FRAMES], color=BLUE, linewidth=1.0, marker=".", markersize=2.5)
     if row.frequency is not None and row.damping is not None:
-        envelope = _envelope(times, values, row.frequency, row.damping)
-        axes.plot(times, envelope, "--", times, -envelope, "--", color=GREY, linewidth=0.9)
+        envelope = _envelope(times, values, row.frequency, row.damping)[:MOST_FRAMES]
+        axes.plot(shown, envelope, "--", shown, -envelope, "--", color=GREY, linewidth=0.9)
     label(axes, y="mm")
     axes.set_title(row.title, fontsize=LABEL, loc="left")
 

@@ -9,7 +9,9 @@ from jaxtyping import Float
 
 LONGEST_SEGMENT = 1024
 ZERO_PADDING = 4
-"""Frequencies a Fourier bin is divided into, so that a peak between bins is seen at its place."""
+"""Frequencies a Fourier bin is divided into, so that a peak between bins is seen at its place …"""
+SHORT = 512
+"""… in records of at most so many frames; in longer ones bins are narrow, and the lobes between them would be ink."""
 
 
 def power_spectral_density(
@@ -19,7 +21,8 @@ def power_spectral_density(
     seen = np.isfinite(values)
     segments = max(1, int(np.ceil(seen.sum() / LONGEST_SEGMENT)))
     longest = int(np.ceil(seen.sum() / segments))
-    frequencies = np.linspace(0, frame_rate / 2, ZERO_PADDING * max(longest, 2) // 2 + 1)
+    padding = ZERO_PADDING if seen.sum() <= SHORT else 1
+    frequencies = np.linspace(0, frame_rate / 2, padding * max(longest, 2) // 2 + 1)
     centred = values[seen] - values[seen].mean()
     pieces = zip(np.array_split(times[seen], segments), np.array_split(centred, segments), strict=True)
     densities = [_direct(frequencies, at, piece, frame_rate) for at, piece in pieces if piece.size]

@@ -21,6 +21,7 @@ from nerfmodal.figures.cameras import sides
 from nerfmodal.figures.clouds import organ_labels
 from nerfmodal.figures.eigenvalues import covariance_eigenvalues
 from nerfmodal.figures.shapes import SWING, drawn_mode
+from nerfmodal.figures.signals import MOST_FRAMES
 from nerfmodal.figures.style import CYCLE, measured
 from nerfmodal.types import ModalModel, Outcome, PointCloud
 from PIL import ImageColor
@@ -118,6 +119,20 @@ def test_envelope_of_a_clean_decay_is_its_own():
     organ = replace(LEAF, model=replace(LEAF.model, coordinates=np.stack([wave] * 3, axis=1)))
     envelope = modal_coordinates(organ, "free_decay").axes[0].lines[1].get_ydata()
     np.testing.assert_allclose(envelope, 40 * clean, rtol=1e-6)
+
+
+def test_of_a_long_record_the_beginning_is_drawn_and_the_label_says_so():
+    times = np.arange(900) / 30
+    wave = np.cos(2 * np.pi * 2.17 * times)
+    coefficients = np.tile(LEAF.displacement.coefficients, (10, 1))
+    displacement = replace(
+        LEAF.displacement, coefficients=coefficients, times=times, valid=np.isfinite(coefficients).all(axis=1)
+    )
+    model = replace(LEAF.model, coordinates=np.stack([wave] * 3, axis=1))
+    axes = modal_coordinates(replace(LEAF, displacement=displacement, model=model), "ambient").axes
+    assert len(axes[0].lines[0].get_xdata()) == MOST_FRAMES
+    assert axes[4].get_xlabel() == "time (s), the first 9.97 of 30 s"
+    assert axes[1].lines[0].get_xdata()[1] == pytest.approx(30 / 890)  # ten frames are lost
 
 
 def test_largest_swing_is_drawn_at_its_share_of_the_organ():
