@@ -205,7 +205,8 @@ def truth_at_sensors(organ: OrganResult, mode: TrueMode) -> Float[np.ndarray, " 
         axis = _axis_of(organ)
         vectors = _nearest(mode.points @ axis[:, None], mode.shape, positions @ axis[:, None])
     else:
-        vectors = _interpolated(mode.points, mode.shape, positions)
+        across = _across(organ)
+        vectors = _interpolated(mode.points @ across, mode.shape, positions @ across)
     return np.asarray(vectors @ organ.displacement.directions.T).ravel()
 
 
@@ -310,12 +311,25 @@ def _nearest(points: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.
     return np.asarray(np.einsum("tk,tkc->tc", weights, values[places]))
 
 
-def _interpolated(points: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """A thin plate through the nearby points of the organ's plane, which reaches a little over their edge."""
-    center = points.mean(axis=0)
-    _, extents, axes = np.linalg.svd(points - center, full_matrices=False)
-    if len(points) < PLATE_POINTS or extents[1] < 1e-3 * extents[0]:
-        return _nearest(points, values, targets)
-    flat, places = np.unique(np.round((points - center) @ axes[:2].T, 6), axis=0, return_index=True)
-    plate = interpolate.RBFInterpolator(flat, values[places], neighbors=PLATE_POINTS, smoothing=PLATE_SMOOTHING)
-    return np.asarray(plate((targets - center) @ axes[:2].T))
+def _across(organ: OrganResult) -> Float[np.ndarray, "3 2"]:
+    """The organ's own plane: across its one measuring direction, along which truth points may be noisy."""
+    positions, directions = organ.displacement.sensors.positions, organ.displacement.directions
+    spread = positions - positions.mean(axis=0) if len(directions) > 1 else directions
+    axes = np.linalg.svd(spread)[2]
+    return np.asarray(axes[:2].T if len(directions) > 1 else axes[1:].T)
+
+
+def _interpolated(
+    flat: Float[np.ndarray, "points 2"], values: np.ndarray, targets: Float[np.ndarray, "sensors 2"]
+) -> np.ndarray:
+    """Smooth pieces between points of a plane (Clough and Tocher); a thin plate reaches a little over their edge."""
+    flat, places = np.unique(np.round(flat, 6), axis=0, return_index=True)
+    extents = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
+    if len(flat) < PLATE_POINTS or extents[1] < 1e-3 * extents[0]:
+        return _nearest(flat, values[places], targets)
+    result = np.asarray(interpolate.CloughTocher2DInterpolator(flat, values[places])(targets))
+    outside = ~np.isfinite(result).all(axis=1)
+    if outside.any():
+        plate = interpolate.RBFInterpolator(flat, values[places], neighbors=PLATE_POINTS, smoothing=PLATE_SMOOTHING)
+        result[outside] = plate(targets[outside])
+    return result
