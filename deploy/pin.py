@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 
 DEPLOY = Path(__file__).parent
 EXTRAS = ("vision", "simulate", "postgres", "s3", "telemetry")
-HEAD = """# What the images install: versions that the tests have passed with, so that a build of tomorrow is the build of today.
+HEAD = """# What the images install: versions that the tests have passed with, so that every build is the same.
 # Written by deploy/pin.py.
 """
 

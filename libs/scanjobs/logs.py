@@ -68,6 +68,7 @@ def about(**ids: str | int) -> Iterator[None]:
 
 def strike_secrets(logger: Any, method: str, event: MutableMapping[str, Any]) -> EventDict:  # noqa: ARG001
     """Strike passwords and keys out of every text of a line; a processor of structlog."""
+    event.pop("color_message", None)  # uvicorn says everything twice
     return {key: without_secrets(value) if isinstance(value, str) else value for key, value in event.items()}
 
 
