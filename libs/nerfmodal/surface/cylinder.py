@@ -81,6 +81,30 @@ class CylinderSurface:
         return self.frame.to_world(np.column_stack([offsets, self.middle + self.half * self.sensors]))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sections:
+    """The rod at every sensor: where its centreline is (world, metres), its radius (metres), how it is bent (1/m).
+
+    `bending` is the second derivative of the centreline along the rod in the two directions across it.
+    """
+
+    positions: Float[np.ndarray, "sensors 3"]
+    radii: Float[np.ndarray, " sensors"]
+    bending: Float[np.ndarray, "sensors 2"]
+
+
+def sections(surface: CylinderSurface, coefficients: Float[np.ndarray, " coefficients"]) -> Sections:
+    """Position, radius and bending of every section of a frame's rod."""
+    terms = surface.degree + 1
+    offsets = np.stack([coefficients[:terms], coefficients[terms : 2 * terms]], axis=1)
+    curved = _chebyshev_bent(surface.sensors, surface.degree) @ offsets
+    return Sections(
+        positions=surface.positions(coefficients),
+        radii=coefficients[-2] + coefficients[-1] * surface.sensors,
+        bending=curved / surface.half**2,
+    )
+
+
 def choose_cylinder(pooled: Float[np.ndarray, "points 3"], *, degree: int, sensors: int) -> CylinderSurface:
     """The fixed parts, from points pooled over the record. Raises `InvalidClouds` if they are one point."""
     frame = rod_frame(pooled)
@@ -120,6 +144,12 @@ def radial_residuals(
 def _chebyshev(along: np.ndarray, degree: int) -> np.ndarray:
     """T_0 … T_degree at every point."""
     return np.asarray(special.eval_chebyt(np.arange(degree + 1), along[:, None]))
+
+
+def _chebyshev_bent(along: np.ndarray, degree: int) -> np.ndarray:
+    """Second derivatives of T_0 … T_degree inside (-1, 1): n ((n + 1) T_n - U_n) / (x² - 1)."""
+    n, x = np.arange(degree + 1), along[:, None]
+    return np.asarray(n * ((n + 1) * special.eval_chebyt(n, x) - special.eval_chebyu(n, x)) / (x**2 - 1))
 
 
 def _split(local: np.ndarray, middle: float, half: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,26 +1,28 @@
-"""A leaf: heights over its own plane as a polynomial of a total degree (5: the paper's `poly55`, 21 terms)."""
+"""A leaf: heights over its own plane as a sum of basis functions (by default the paper's `poly55`, 21 terms)."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from nerfmodal.geometry.frames import LocalFrame
-from nerfmodal.surface.basis import PolynomialBasis, basis_around
+from nerfmodal.surface.basis import Basis, basis_around, spline_around
 from nerfmodal.surface.outline import Outline, place_sensors, trace_outline
 from nerfmodal.surface.plane import plane_frame
 from nerfmodal.surface.robust import Prior, RobustFit, fit_robustly
 
+SheetKind = Literal["polynomial", "tensor", "spline"]
 ON_SURFACE_SDS = 4.0
 """Pooled points within this many robust scales of the pooled surface (its motion included) draw the outline."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PolynomialSurface:
+class SheetSurface:
     """What stays fixed through the record: the frame, the basis, the outline and the sensors' (x, y)."""
 
     frame: LocalFrame
-    basis: PolynomialBasis
+    basis: Basis
     outline: Outline
     sensors: Float[np.ndarray, "sensors 2"]
 
@@ -58,7 +60,9 @@ class PolynomialSurface:
         return self.frame.to_world(np.column_stack([self.sensors, heights]))
 
 
-def choose_polynomial(pooled: Float[np.ndarray, "points 3"], *, degree: int, sensors: int) -> PolynomialSurface:
+def choose_sheet(
+    pooled: Float[np.ndarray, "points 3"], *, kind: SheetKind = "polynomial", degree: int, sensors: int
+) -> SheetSurface:
     """The fixed parts, from points pooled over the record. Raises `InvalidClouds` if they lie on a line."""
     frame = plane_frame(pooled)
     local = frame.to_local(pooled)
@@ -68,9 +72,15 @@ def choose_polynomial(pooled: Float[np.ndarray, "points 3"], *, degree: int, sen
     fit = fit_robustly(design, local[:, 2])
     near = np.abs(local[:, 2] - design @ fit.coefficients) <= ON_SURFACE_SDS * fit.scale
     outline = trace_outline(local[near, :2])
-    return PolynomialSurface(
+    return SheetSurface(
         frame=frame,
-        basis=basis_around(outline.corners(), degree),
+        basis=_basis(kind, outline, degree, local[near, :2]),
         outline=outline,
         sensors=place_sensors(outline, sensors),
     )
+
+
+def _basis(kind: SheetKind, outline: Outline, degree: int, points: Float[np.ndarray, "points 2"]) -> Basis:
+    if kind == "spline":
+        return spline_around(outline.corners(), degree, points[outline.contains(points)])
+    return basis_around(outline.corners(), degree, tensor=kind == "tensor")

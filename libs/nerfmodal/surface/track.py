@@ -9,7 +9,7 @@ from nerfmodal.errors import InvalidClouds
 from nerfmodal.geometry.frames import inside_box
 from nerfmodal.spec import OrganSpec, OrientedBox
 from nerfmodal.surface.cylinder import choose_cylinder
-from nerfmodal.surface.polynomial import choose_polynomial
+from nerfmodal.surface.polynomial import choose_sheet
 from nerfmodal.surface.pooled import refit_pooled
 from nerfmodal.surface.robust import Prior, RobustFit
 from nerfmodal.surface.sensors import Reference, Surface, Track, track_of
@@ -124,9 +124,10 @@ def _span(clouds: Sequence[PointCloud | None]) -> str:
 
 
 def _choose(organ: OrganSpec, pooled: np.ndarray) -> Surface:
-    choose = choose_cylinder if organ.surface == "cylinder" else choose_polynomial
     try:
-        return choose(pooled, degree=organ.degree, sensors=organ.sensors)
+        if organ.surface == "cylinder":
+            return choose_cylinder(pooled, degree=organ.degree, sensors=organ.sensors)
+        return choose_sheet(pooled, kind=organ.surface, degree=organ.degree, sensors=organ.sensors)
     except InvalidClouds as error:
         raise InvalidClouds(error.message, where=f"/organs/{organ.name}", hint=error.hint) from error
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nerfmodal.surface.cylinder import choose_cylinder, radial_residuals
+from nerfmodal.surface.cylinder import choose_cylinder, radial_residuals, sections
 from scipy import special
 
 
@@ -56,3 +56,26 @@ def test_the_displacement_basis_is_the_derivative_of_the_positions() -> None:
 def test_too_few_points_have_no_fit() -> None:
     surface = choose_cylinder(tube(4000, 360.0, 3), degree=4, sensors=20)
     assert surface.fit(tube(10, 360.0, 5)) is None
+
+
+def test_the_sections_of_a_parabola_have_its_second_derivative_and_the_tube_s_radius() -> None:
+    rest = tube(6000, 360.0, 6)
+    surface = choose_cylinder(rest, degree=4, sensors=30)
+    fit = surface.fit(rest)
+    assert fit is not None
+    found = sections(surface, fit.coefficients)
+    np.testing.assert_allclose(found.positions, surface.positions(fit.coefficients))
+    np.testing.assert_allclose(found.radii, 0.06 - 0.01 * found.positions[:, 2], atol=0.001)
+    bent = np.linalg.norm(found.bending, axis=1)
+    assert np.median(bent) == pytest.approx(0.06, abs=0.01)  # x = 0.03 z²
+
+
+def test_the_bending_is_the_second_difference_of_the_positions() -> None:
+    surface = choose_cylinder(tube(4000, 360.0, 3), degree=4, sensors=201)
+    coefficients = surface.start.copy()
+    coefficients[:10] += 0.1 * np.random.default_rng(7).normal(size=10)
+    found = sections(surface, coefficients)
+    local = surface.frame.to_local(found.positions)
+    step = local[1, 2] - local[0, 2]
+    second = (local[2:, :2] - 2 * local[1:-1, :2] + local[:-2, :2]) / step**2
+    np.testing.assert_allclose(found.bending[1:-1], second, atol=1e-3 * np.abs(second).max())

@@ -6,7 +6,7 @@ from nerfmodal.errors import InvalidClouds
 from nerfmodal.surface.basis import PolynomialBasis
 from nerfmodal.surface.outline import place_sensors, trace_outline
 from nerfmodal.surface.plane import plane_frame
-from nerfmodal.surface.polynomial import choose_polynomial
+from nerfmodal.surface.polynomial import choose_sheet
 from nerfmodal.surface.pooled import refit_pooled
 from nerfmodal.surface.robust import Prior, RobustFit, fit_robustly, tukey_weights
 from numpy.polynomial import legendre
@@ -129,4 +129,4 @@ def test_the_plane_turns_with_the_leaf() -> None:
 def test_points_on_a_line_are_refused() -> None:
     along = np.linspace(0, 1, 1000)
     with pytest.raises(InvalidClouds, match="line"):
-        choose_polynomial(np.column_stack([along, 2 * along, -along]), degree=5, sensors=10)
+        choose_sheet(np.column_stack([along, 2 * along, -along]), degree=5, sensors=10)
