@@ -30,6 +30,7 @@ from scanjobs.states import TERMINAL_SCAN_STATES, StepState
 from scanjobs.tables import Attempt, Scan, Step
 from sqlalchemy import func, select
 
+from tests.faults.steps import freeze
 from tests.integration.toy_service import Service, WorkerProcess, looking_at, toy_settings, toy_spec
 
 OUT = Path("out/benchmarks/chaos.json")
@@ -71,7 +72,7 @@ class Crew:
         elif fate == "everybody":
             self._replace(range(len(self._hired)), toll)
         else:
-            self._freeze(toll)
+            self._freeze(service, toll)
 
     def close(self) -> None:
         """Kill them all."""
@@ -92,9 +93,9 @@ class Crew:
         for position in positions:
             self._hired[position] = WorkerProcess(self._settings)
 
-    def _freeze(self, toll: Toll) -> None:
+    def _freeze(self, service: Service, toll: Toll) -> None:
         worker = self._chance.choice(self._hired)
-        worker.signal(signal.SIGSTOP)
+        freeze(worker, service)
         time.sleep(self._chance.choice([0.3, 1.3]) * self._settings.lease_s)
         worker.signal(signal.SIGCONT)
         toll.kills["freeze"] += 1

@@ -25,6 +25,9 @@ Work = Callable[[Session], T]
 FIRST_SQLITE_WITH_SOUND_WAL: Final = (3, 51, 3)
 BUSY_S: Final = 30.0
 TRIES: Final = 6
+FROZEN_MS: Final = 30_000
+"""PostgreSQL breaks a transaction that has said nothing for so long: a process that is frozen or cut off in the middle
+of one would hold its rows from everybody else."""
 LOCK_SPACE: Final = 0x6E6D
 """First half of every advisory lock of this program on PostgreSQL."""
 CONNECTIONS: Final = 16
@@ -107,7 +110,8 @@ def _postgres_engine(url: URL) -> Engine:
 
     Asking every time costs three round trips, a quarter of a short transaction.
     """
-    engine = create_engine(url, pool_size=CONNECTIONS, max_overflow=0)
+    options = {"options": f"-c idle_in_transaction_session_timeout={FROZEN_MS}"}
+    engine = create_engine(url, pool_size=CONNECTIONS, max_overflow=0, connect_args=options)
 
     def note(_: Any, record: ConnectionPoolEntry) -> None:
         record.info[USED_AT] = time.monotonic()

@@ -92,6 +92,12 @@ def living_of(session: Session, host: str) -> tuple[Worker, ...]:
     return tuple(session.scalars(select(Worker).where(Worker.host == host, Worker.state != GONE)))
 
 
+def present_workers(session: Session) -> tuple[Worker, ...]:
+    """Workers that live by the database's clock, whether they take steps or not."""
+    query = select(Worker).where(Worker.state != GONE, Worker.lease_until > now_s())
+    return tuple(session.scalars(query.order_by(Worker.id)))
+
+
 def active_workers(session: Session) -> tuple[Worker, ...]:
     """Workers that take steps, by the database's clock."""
     query = select(Worker).where(Worker.state == ACTIVE, Worker.lease_until > now_s())

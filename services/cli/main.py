@@ -2,7 +2,7 @@
 
 import typer
 
-from services.cli import compare, demo, doctor, keys, local, presets, scans, up, worker
+from services.cli import compare, demo, doctor, keys, local, operate, presets, scans, up, worker
 from services.cli.outcomes import Commands
 
 app = typer.Typer(
@@ -22,10 +22,12 @@ app.command(epilog="Example: nerfmodal demo --spec examples/acai.yaml --out out/
 app.command(epilog="Example: nerfmodal up --port 8000 --data .nerfmodal --captures /data/captures")(up.up)
 app.command(epilog="Example: nerfmodal worker --queues train,extract --slots 2")(worker.worker)
 app.command(epilog="Example: nerfmodal migrate")(worker.migrate)
+app.command(epilog="Example: nerfmodal fsck")(operate.fsck)
 app.command(epilog="Example: nerfmodal doctor")(doctor.doctor)
 app.command(epilog="Example: nerfmodal presets quick > quick.yaml")(presets.presets)
 app.add_typer(scans.app, name="scans")
 app.add_typer(keys.app, name="keys")
+app.add_typer(operate.app, name="workers")
 
 
 def main() -> None:

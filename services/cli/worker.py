@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 from nerfmodal.errors import InvalidInput
-from scanjobs.messages import QUEUES
+from scanjobs.messages import QUEUES, TRAIN_CPU, TRAIN_GPU
 from scanjobs.settings import Settings
 
+ALIASES = {"train": (TRAIN_CPU, TRAIN_GPU)}
 EVERY_QUEUE = ",".join(QUEUES)
 QueueNames = Annotated[str, typer.Option("--queues", help="Queues to serve, separated by commas.")]
 Slots = Annotated[int | None, typer.Option(min=1, help="Steps computed at the same time.", show_default="cores")]
@@ -32,8 +33,9 @@ def migrate() -> None:
 
 
 def known_queues(text: str) -> tuple[str, ...]:
-    """The queues that a comma-separated text names. Raises `InvalidInput`."""
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    """The queues that a comma-separated text names; `train` is both queues of trainings. Raises `InvalidInput`."""
+    asked = [name.strip() for name in text.split(",") if name.strip()]
+    names = tuple(dict.fromkeys(one for name in asked for one in ALIASES.get(name, (name,))))
     unknown = [name for name in names if name not in QUEUES]
     if unknown or not names:
         what = f"is no queue: '{unknown[0]}'." if unknown else "names no queue."

@@ -26,6 +26,9 @@ from scanjobs.workers import WorkerIdentity
 
 log = logging.getLogger(__name__)
 
+QUIET_S: Final = 5.0
+"""After a message that the broker did not take none is sent for so long: each try may cost as much, and the worker must
+say in time that it lives."""
 NAMESPACE: Final = Path("/proc/self/ns/pid")
 COUNT_S: Final = 5.0
 """Between two looks for attempts that are not in the totals yet."""
@@ -72,6 +75,7 @@ class Ticker:
         self._on_drain = on_drain
         self._on_pause = on_pause
         self._on_dead = on_dead
+        self._quiet_until = 0.0
         self._holder = identity.id if settings.broker_url.startswith("memory") else None
         self._wake = threading.Event()
         self._ended = threading.Event()
@@ -138,11 +142,14 @@ class Ticker:
             self._on_drain()
 
     def _send_ready(self) -> None:
+        if time.monotonic() < self._quiet_until:
+            return
         if is_low(self._settings):
             log.warning("the disk is nearly full: no step is begun")
             return
         for message in self._store.write(lambda session: dispatch.dispatch(session, self._holder)):
             if not self._ring(message):
+                self._quiet_until = time.monotonic() + QUIET_S
                 return  # the others would wait as long for nothing; all are sent again when nobody claims them
 
     def _bury_dead(self) -> None:

@@ -3,9 +3,9 @@
 import contextlib
 import os
 import signal
+import sqlite3
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from scanjobs.settings import Settings
 from scanjobs.states import StepState
@@ -40,10 +40,24 @@ def kill(pid: int) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def children_of(pid: int) -> list[int]:
-    """Processes started by a process."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for task in tasks for child in task.read_text().split()]
+def freeze(worker: WorkerProcess, service: Service) -> None:
+    """SIGSTOP a worker, but not in the middle of a transaction: SQLite has one writer, and that would be it."""
+    while True:
+        worker.signal(signal.SIGSTOP)
+        if service.store.dialect != "sqlite" or can_write(service.settings):
+            return
+        worker.signal(signal.SIGCONT)
+        time.sleep(0.05)
+
+
+def can_write(settings: Settings) -> bool:
+    """Whether nobody writes to the SQLite file at this moment."""
+    with contextlib.closing(sqlite3.connect(settings.data_folder / "nerfmodal.db", timeout=0.2)) as connection:
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError:
+            return False
+    return True
 
 
 @contextlib.contextmanager

@@ -20,10 +20,11 @@ def test_frozen_redis_holds_up_nothing_but_messages(served: Settings, redis: Red
     """No request takes two seconds; a running step keeps its lease, and is cancelled within five seconds.
 
     Guards: the API never publishes; the worker's publishing has time limits (`queue._transport_options`).
-    Seen to fail: with a publish in `submit` the POST takes five seconds and more; without the limits the ticker hangs
-    in its first message, and the scans posted meanwhile do not end after Redis has gone on.
+    Seen to fail: with a publish in `submit` the POST is answered after five seconds, with 500; without the limits the
+    ticker hangs in its first message, and the worker is taken for dead.
     """
-    with looking_at(served) as service, worker_process(served), api(served) as client:
+    slower = served.model_copy(update={"lease_s": 9.0})
+    with looking_at(slower) as service, worker_process(slower), api(slower) as client:
         scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:slow"))
         runner = service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
         redis.send(signal.SIGSTOP)
@@ -39,6 +40,8 @@ def test_frozen_redis_holds_up_nothing_but_messages(served: Settings, redis: Red
             assert service.end_of(scan_id, 5).state == "canceled"
             assert not is_alive(runner)
             time.sleep(max(0.0, FROZEN_S - seconds_since(frozen_at)))
+            with service.store.read() as session:
+                assert len(repository.list_workers(session)) == 1, "its ticker goes on"
         finally:
             redis.send(signal.SIGCONT)
         with service.store.read() as session:

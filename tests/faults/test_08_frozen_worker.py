@@ -9,7 +9,7 @@ from scanjobs.settings import Settings
 from scanjobs.tables import Attempt
 from sqlalchemy import select
 
-from tests.faults.steps import assert_whole, workers
+from tests.faults.steps import assert_whole, freeze, workers
 from tests.integration.toy_service import looking_at, toy_spec, worker_process
 
 LEASE_S = 1.5
@@ -28,10 +28,10 @@ def test_result_of_a_worker_that_slept_is_dropped(settings: Settings) -> None:
     with looking_at(quick) as service, worker_process(quick) as sleeper:
         scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:takes={STEP_S}"))
         service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
-        sleeper.signal(signal.SIGSTOP)
+        freeze(sleeper, service)
         with workers(quick, 1):
             time.sleep(3 * LEASE_S)
-            assert service.step(scan_id, TRAIN, WHOLE_SCAN).token == 2, "somebody else has it"
+            service.wait(lambda: service.step(scan_id, TRAIN, WHOLE_SCAN).token == 2)
             sleeper.signal(signal.SIGCONT)
             assert_whole(service, scan_id)
         step = service.step(scan_id, TRAIN, WHOLE_SCAN)

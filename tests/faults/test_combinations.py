@@ -17,7 +17,7 @@ from scanjobs.settings import Settings
 from scanjobs.tables import Attempt, Step
 from sqlalchemy import select
 
-from tests.faults.steps import assert_whole, wait_for, workers
+from tests.faults.steps import assert_whole, freeze, wait_for, workers
 from tests.integration.toy_service import looking_at, serving, toy_spec, worker_process
 
 DYING = "tests.faults.dying_worker"
@@ -57,7 +57,7 @@ def test_sleeper_of_an_earlier_generation_changes_nothing(embedded: Settings) ->
         scan_id = service.submit(toy_spec(frames=1, trouble=f"{TRAIN}:-1:takes=3"))
         service.runner_of(scan_id, TRAIN, WHOLE_SCAN)
         old = service.step(scan_id, TRAIN, WHOLE_SCAN).id
-        sleeper.signal(signal.SIGSTOP)
+        freeze(sleeper, service)
         service.store.write(lambda session: control.cancel_scan(session, scan_id))
         with workers(quick, 1):
             assert service.end_of(scan_id).state == "canceled"

@@ -18,6 +18,7 @@ from scanjobs.states import TERMINAL_SCAN_STATES, StepState
 from scanjobs.store import Store, open_store
 from scanjobs.tables import Attempt, Scan, Step
 from sqlalchemy import select
+from sqlalchemy.exc import DBAPIError
 
 from services.worker.app import embedded_worker
 
@@ -69,9 +70,9 @@ class Service:
             return repository.get_scan(session, scan_id)
 
     def wait(self, what: Callable[[], bool], seconds: float = 60.0) -> None:
-        """Until `what` holds."""
+        """Until `what` holds; a database that is away for a moment has not said no."""
         deadline = time.monotonic() + seconds
-        while not what():
+        while not _holds(what):
             if time.monotonic() > deadline:
                 raise TimeoutError("what the test waits for did not happen")
             time.sleep(0.05)
@@ -128,6 +129,13 @@ class Service:
         """What fsck finds."""
         with self.store.read() as session:
             return check(session, open_artifacts(self.settings))
+
+
+def _holds(what: Callable[[], bool]) -> bool:
+    try:
+        return what()
+    except DBAPIError:
+        return False
 
 
 @contextmanager
