@@ -1,6 +1,7 @@
 """Surfaces of organs and the virtual sensors on them: clouds in, displacement out."""
 
+from nerfmodal.surface.following import Follower, follow
 from nerfmodal.surface.sensors import Reference, Surface, Track
 from nerfmodal.surface.track import measure_organ
 
-__all__ = ["Reference", "Surface", "Track", "measure_organ"]
+__all__ = ["Follower", "Reference", "Surface", "Track", "follow", "measure_organ"]

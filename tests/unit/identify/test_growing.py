@@ -7,8 +7,11 @@ import pytest
 from nerfmodal.identify import identify
 from nerfmodal.identify.growing import FrameFit, GrowingRecord, modes_so_far, pool
 from nerfmodal.identify.lines import damped_columns
-from nerfmodal.spec import IdentificationSpec
+from nerfmodal.spec import IdentificationSpec, OrganSpec
+from nerfmodal.surface.following import follow
 from nerfmodal.types import Outcome, SensorGrid
+
+from tests.fixtures.moving_clouds import Mode, Scene, Trunk, leaf_clouds, trunk_clouds
 
 LINES = np.array([[2.17, 0.005], [4.83, 0.01], [9.61, 0.02]])
 TERMS, SENSORS, RATE = 9, 60, 30.0
@@ -93,3 +96,33 @@ def test_pooling_takes_noise_off_where_nothing_moves_and_leaves_the_motion() -> 
     raw, pooled = np.stack([frame.coefficients for frame in every]), pool(tuple(every))
     assert (pooled @ still.T).std() < 0.5 * (raw @ still.T).std()
     assert np.abs((pooled - raw) @ moving.T).max() < 3 * NOISE
+
+
+@pytest.mark.parametrize("kind", ["polynomial", "cylinder"])
+def test_from_clouds_frame_by_frame_the_modes_are_those_imposed(kind: str) -> None:
+    mode = Mode(shape="bending_1", frequency=2.17, damping=0.01, amplitude=0.03)
+    if kind == "cylinder":
+        clouds, _ = trunk_clouds(Trunk(modes=(mode,), times=np.arange(60) / RATE, points=1500), 0)
+    else:
+        clouds, _ = leaf_clouds(Scene(modes=(mode,), times=np.arange(60) / RATE, points=1500), 0)
+    follower = follow(
+        OrganSpec(name="organ", surface=kind, sensors=50, degree=4), clouds[:15], np.random.default_rng(0)
+    )
+    first = follower.surface.fit(clouds[0].points)
+    assert first is not None
+    record = GrowingRecord(
+        sensors=SensorGrid(organ="organ", positions=follower.surface.positions(first.coefficients)),
+        surface=kind,
+        basis=follower.surface.displacement_basis(),
+        directions=follower.surface.directions,
+        frame_rate=RATE,
+    )
+    for index, cloud in enumerate(clouds):
+        fit = follower.measure(cloud, index)
+        assert fit is not None
+        record = record.with_frame(
+            FrameFit(time=cloud.time, coefficients=fit.coefficients, information=fit.information)
+        )
+    result, _ = modes_so_far(record, SETTINGS, seed=0)
+    assert result.model.frequencies[0] == pytest.approx(2.17, abs=0.02)
+    assert result.model.damping_ratios[0] == pytest.approx(0.01, abs=0.005)
