@@ -43,6 +43,8 @@ class Claim:
     frame: int
     spec: dict[str, Any]
     inputs: tuple[InputFile, ...]
+    traceparent: str | None = None
+    """Of the request that the step comes from."""
     resume: str | None = None
     """Digest of what an earlier attempt has saved on its way."""
     device: str | None = None
@@ -263,6 +265,7 @@ def _claim_of(session: Session, scan: Scan, step: Step, device: str | None) -> C
         frame=step.frame,
         spec=scan.spec,
         inputs=inputs_of(session, step.id),
+        traceparent=step.traceparent,
         resume=step.resume_digest,
         device=device,
     )

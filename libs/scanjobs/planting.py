@@ -93,6 +93,7 @@ def _row(scan: Scan, step: PlannedStep, step_id: str, inherited: Inheritance, en
         "fresh": step.key in inherited.afresh,
         "attempt": 0,
         "token": 0,
+        "traceparent": scan.traceparent,
         "progress_done": kept.progress_done if kept else 0,
         "progress_total": kept.progress_total if kept else 0,
         "progress_message": kept.progress_message if kept else "",

@@ -24,6 +24,7 @@ from scanjobs.planting import plant
 from scanjobs.settling import settle
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Event, IdempotencyKey, Scan, ScanTag, Step, Worker, table_of
+from scanjobs.tracing import present
 from scanjobs.transitions import born_scan
 from scanjobs.uuids import new_id as new_id
 
@@ -252,6 +253,7 @@ def _insert_scan_row(
         "generation": 0,
         "version": 0,
         "cancel_seq": 0,
+        "traceparent": present(),
     }
     times = {"deadline_at": None if limit is None else now_s() + limit, "created_at": now_s()}
     inserted = insert(table_of(Scan)).values(values | times).returning(Scan.deadline_at, Scan.created_at)

@@ -76,6 +76,9 @@ class Scan(Base):
     started_at: Mapped[float | None]
     finished_at: Mapped[float | None]
 
+    traceparent: Mapped[str | None] = mapped_column(String(64))
+    """Of the request that submitted it; its steps go on with that trace."""
+
     tags: Mapped[list["ScanTag"]] = relationship(lazy="raise", order_by="ScanTag.tag", viewonly=True)
 
 

@@ -24,6 +24,7 @@ from scanjobs.settings import Settings
 from scanjobs.slots import Devices
 from scanjobs.store import Store, open_store
 from scanjobs.telemetry import Telemetry
+from scanjobs.tracing import open_tracing
 from scanjobs.workers import WorkerIdentity
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -48,6 +49,7 @@ class Worker:
         self._settings = settings
         artifacts = open_artifacts(settings)
         self._chores = Chores(store, artifacts, settings)
+        self._tracing = open_tracing(settings, "nerfmodal-worker")
         self.supervisor = Supervisor(
             store=store,
             artifacts=artifacts,
@@ -55,6 +57,7 @@ class Worker:
             worker_id=identity.id,
             on_change=self._wake,
             devices=Devices(host=identity.host, gpus=settings.gpus),
+            tracing=self._tracing,
         )
         telemetry = Telemetry(settings, store)
         serve(app, self.supervisor.supervise)
@@ -102,6 +105,7 @@ class Worker:
             self.endpoint.stop()
         self._say(lambda session: workers.bury(session, [self.identity.id]))
         self._store.close()
+        self._tracing.close()
 
     def _tick(self) -> None:
         self.supervisor.children.end_idle(self._settings.runner_idle_s)

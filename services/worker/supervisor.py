@@ -26,6 +26,7 @@ from scanjobs.media import media_type_of
 from scanjobs.settings import Settings
 from scanjobs.slots import Devices
 from scanjobs.store import Store
+from scanjobs.tracing import NO_TRACING, Tracing
 from sqlalchemy.exc import SQLAlchemyError
 
 from services.worker.child import Child, Children
@@ -111,6 +112,7 @@ class Supervisor:
         worker_id: str,
         on_change: Callable[[], None],
         devices: Devices | None = None,
+        tracing: Tracing = NO_TRACING,
     ) -> None:
         self._store = store
         self._artifacts = artifacts
@@ -119,6 +121,7 @@ class Supervisor:
         self._on_change = on_change
         self._work = settings.data_folder.resolve() / "work" / worker_id
         self._devices = devices
+        self._tracing = tracing
         self._draining = threading.Event()
         self._paused = threading.Event()
         self.children = Children(settings, settings.data_folder.resolve() / "logs" / worker_id)
@@ -160,7 +163,8 @@ class Supervisor:
         watch = Watch(began, began)
         folder = self._work / f"{claim.step_id}-{claim.token}"
         try:
-            with about(scan_id=claim.scan_id, step_id=claim.step_id, kind=claim.kind, frame=claim.frame):
+            ids: dict[str, str | int] = {"scan_id": claim.scan_id, "step_id": claim.step_id, "frame": claim.frame}
+            with about(kind=claim.kind, **ids), self._tracing.span(claim.kind, claim.traceparent, ids):
                 failure = self._compute(claim, folder, watch)
                 if failure is not None:
                     self._fail(claim, failure, watch)

@@ -11,6 +11,8 @@ from typing import Final
 from fastapi import APIRouter, FastAPI, Request, Response
 from scanjobs.logs import about
 from scanjobs.telemetry import Telemetry
+from scanjobs.tracing import HEADER, NO_TRACING, Tracing, open_tracing
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 router = APIRouter(tags=["health"])
@@ -33,15 +35,16 @@ def install(app: FastAPI) -> None:
     """Give the app its instruments; call it after every other middleware is added, so that it hears them too."""
     parts = app.state.parts
     app.state.telemetry = Telemetry(parts.settings, parts.store)
-    app.add_middleware(Ear, telemetry=app.state.telemetry)
+    app.add_middleware(Ear, telemetry=app.state.telemetry, tracing=open_tracing(parts.settings, "nerfmodal-api"))
 
 
 class Ear:
     """Times and logs every request. Pure ASGI: it costs microseconds and hears streamed answers to their end."""
 
-    def __init__(self, app: ASGIApp, telemetry: Telemetry) -> None:
+    def __init__(self, app: ASGIApp, telemetry: Telemetry, tracing: Tracing = NO_TRACING) -> None:
         self.app = app
         self._telemetry = telemetry
+        self._tracing = tracing
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -55,8 +58,11 @@ class Ear:
                 status = message["status"]
             await send(message)
 
+        name, parent = f"{scope['method']} {scope['path']}", Headers(scope=scope).get(HEADER)
+        traced = self._tracing if scope["path"] not in QUIET else NO_TRACING
         try:
-            await self.app(scope, receive, send_and_look)
+            with traced.span(name, parent, {"http.request.method": scope["method"]}):
+                await self.app(scope, receive, send_and_look)
         finally:
             self._note(scope, status, time.perf_counter() - began)
 
