@@ -20,9 +20,8 @@ STEP_S = 3.5
 def test_result_of_a_worker_that_slept_is_dropped(settings: Settings) -> None:
     """Promise (b): the sleeper finds its runner's result when it wakes up, and must not give it in.
 
-    Guard: the token in `leases._owned`.
-    Seen to fail: without the comparison of tokens the sleeper ends the second claim's step with its own result, and
-    the attempt that was accepted is the first.
+    Guard: the token in `leases.standing` and `leases._owned`.
+    Seen to fail: without both comparisons of tokens the sleeper ends the second claim's step with its own result.
     """
     quick = settings.model_copy(update={"lease_s": LEASE_S, "slots": 1})
     with looking_at(quick) as service, worker_process(quick) as sleeper:
@@ -35,7 +34,8 @@ def test_result_of_a_worker_that_slept_is_dropped(settings: Settings) -> None:
             sleeper.signal(signal.SIGCONT)
             assert_whole(service, scan_id)
         step = service.step(scan_id, TRAIN, WHOLE_SCAN)
-        query = select(Attempt.token, Attempt.outcome).where(Attempt.step_id == step.id).order_by(Attempt.token)
+        query = select(Attempt.outcome, Attempt.pid).where(Attempt.step_id == step.id).order_by(Attempt.token)
         with service.store.read() as session:
-            outcomes = dict(iter(session.execute(query)))
-        assert (step.token, outcomes) == (2, {1: "lease expired", 2: "succeeded"})
+            (first, _), (second, computed_by) = session.execute(query)
+        assert (step.token, first, second) == (2, "lease expired", "succeeded")
+        assert (step.facts or {})["pid"] == computed_by, "the result is that of the claim that counts"
