@@ -101,7 +101,7 @@ def fit(
     if kept is None:
         field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground, views.pixels)
         silhouettes = _learn_beyond(field, views, schedule, rng, course)
-        level, draw = 0, _anywhere(views.pixels, schedule.rays, rng)
+        level, draw = 0, _anywhere(views, schedule.rays, rng)
     else:
         level, field, seen, silhouettes = _restored(kept, views, rng, course)
         field, draw = _next_level(field, seen, views, schedule, rng, level)
@@ -111,7 +111,7 @@ def fit(
             hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.falls)
             field = restricted(field, hull)
             if level == 0:
-                draw = _focused(silhouettes.missed | ~silhouettes.falls, schedule.rays, rng)
+                draw = _focused(silhouettes.missed | ~silhouettes.falls, views, schedule.rays, rng)
         until = _iterations_until(level, schedule.iterations)
         seen = train(
             field, views, None, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
@@ -140,7 +140,7 @@ def _learn_beyond(
     grounded = not np.isnan(field.ground)
     if grounded:
         lay_ground(field, views)
-    draw = _anywhere(views.pixels, schedule.rays, rng)
+    draw = _anywhere(views, schedule.rays, rng)
     count = round(BEYOND * schedule.iterations)
     train(clear, views, None, draw, count, rng, course, rates=BEYOND_RATES, limit=BEYOND_LIMIT)
     return unexplained(clear, views) if grounded else None
@@ -166,7 +166,7 @@ def _next_level(
     finer = refined(field, seen)
     if not np.isnan(field.ground) and level > 0:
         lay_ground(finer, views, ~plant)
-    return finer, _focused(plant, schedule.rays, rng)
+    return finer, _focused(plant, views, schedule.rays, rng)
 
 
 def _kept(
@@ -221,6 +221,8 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
         difference = np.abs(behind.reshape(image.shape) - image / np.float32(255)).max(axis=-1)
         missed[camera] = uniform_filter(median_filter(difference, 3), 3) > UNEXPLAINED
         falls[camera] = directions_of(views, pixels)[:, 2].reshape(image.shape[:2]) < STEEP
+    if views.counts is not None:  # a pixel that does not count neither misses nor votes
+        missed, falls = missed & views.counts, falls & views.counts
     return Silhouettes(missed=missed, falls=falls)
 
 
@@ -238,17 +240,19 @@ def plant_pixels(field: GridField, views: Views) -> Bool[np.ndarray, "cameras he
     return plant
 
 
-def _anywhere(pixels: int, rays: int, rng: np.random.Generator) -> Draw:
-    return lambda: rng.integers(0, pixels, rays)
+def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:
+    return lambda: views.drawn(rays, rng)
 
 
-def _focused(chosen: Bool[np.ndarray, "cameras height width"], rays: int, rng: np.random.Generator) -> Draw:
+def _focused(
+    chosen: Bool[np.ndarray, "cameras height width"], views: Views, rays: int, rng: np.random.Generator
+) -> Draw:
     """Three rays in four from the chosen pixels, the others from anywhere."""
-    places = numbers_of(chosen)
+    places = numbers_of(chosen if views.counts is None else chosen & views.counts)
     near = 3 * rays // 4 if len(places) else 0
 
     def draw() -> Int[np.ndarray, " rays"]:
-        anywhere = rng.integers(0, chosen.size, rays - near)
+        anywhere = views.drawn(rays - near, rng)
         return np.concatenate([places[rng.integers(0, len(places), near)], anywhere]) if near else anywhere
 
     return draw
@@ -265,7 +269,10 @@ def still_backgrounds(field: GridField, views: Views) -> UInt8[np.ndarray, "came
     for camera, image in enumerate(views.images):
         _, left, behind, _, _ = render(field, views, views.pixels_of(camera), behind=True)
         learned = np.round(np.clip(behind, 0, 1) * 255).astype(np.uint8).reshape(image.shape)
-        backgrounds[camera] = np.where(left.reshape(*image.shape[:2], 1) > CLEAR, image, learned)
+        clear = left.reshape(image.shape[:2]) > CLEAR
+        if views.counts is not None:
+            clear &= views.counts[camera]
+        backgrounds[camera] = np.where(clear[:, :, None], image, learned)
     return backgrounds
 
 

@@ -97,7 +97,7 @@ class Learner:
     def step(self, views: Views) -> float:
         """One batch; returns the mean squared error of the fine colours."""
         field = self.field
-        pixels = pixels_at(self._rng.integers(0, views.pixels, field.settings.rays_per_batch), views.images.shape)
+        pixels = pixels_at(views.drawn(field.settings.rays_per_batch, self._rng), views.images.shape)
         truth = torch.from_numpy(views.images[tuple(pixels.T)]).to(field.device, torch.float32) / 255.0
         with torch.autocast(field.device.type, enabled=self._mixed):
             (coarse, *_), (fine, *_) = field.render(views, pixels, self._generator)

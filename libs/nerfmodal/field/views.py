@@ -6,13 +6,13 @@ Any lens becomes a table of undistorted image points every few pixels; between t
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from nerfmodal.geometry.cameras import undistort
 from nerfmodal.types import Camera, Frame, Rig
 
 CELL = 8
-"""Pixels between two entries of the table: a lens bends by less than 0.01 pixels from a straight line over them."""
+"""Pixels between two entries of the table: a lens bends by less than 0.02 pixels over them, a fisheye by more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,11 +22,19 @@ class Views:
     table: Float[np.ndarray, "cameras rows columns 2"]
     poses: Float[np.ndarray, "cameras 4 4"]
     images: UInt8[np.ndarray, "cameras height width 3"]
+    counts: Bool[np.ndarray, "cameras height width"] | None = None
+    """Pixels that say something; None: all."""
 
     @property
     def pixels(self) -> int:
         """Pixels of all pictures together."""
         return int(np.prod(self.images.shape[:3]))
+
+    def drawn(self, rays: int, rng: np.random.Generator) -> Int[np.ndarray, " rays"]:
+        """Flat numbers of pixels anywhere, of those that count."""
+        if self.counts is None:
+            return rng.integers(0, self.pixels, rays)
+        return _some_of(self.counts, rays, rng)
 
     def pixels_of(self, camera: int) -> Int[np.ndarray, "pixels 3"]:
         """All pixels (camera, row, column) of one camera."""
@@ -40,7 +48,22 @@ def views_of(frame: Frame) -> Views:
         table=np.stack([_table(camera) for camera in frame.rig.cameras]),
         poses=poses_of(frame.rig),
         images=np.ascontiguousarray(frame.images),
+        counts=frame.counts,
     )
+
+
+def _some_of(
+    counts: Bool[np.ndarray, "cameras height width"], rays: int, rng: np.random.Generator
+) -> Int[np.ndarray, " rays"]:
+    """Pixels that count, each as likely as any other: drawn from all, again until all that were drawn count."""
+    flat = counts.reshape(-1)
+    if not flat.any():
+        return rng.integers(0, flat.size, rays)
+    drawn = rng.integers(0, flat.size, rays)
+    while not flat[drawn].all():
+        wrong = np.flatnonzero(~flat[drawn])
+        drawn[wrong] = rng.integers(0, flat.size, len(wrong))
+    return drawn
 
 
 def poses_of(rig: Rig) -> Float[np.ndarray, "cameras 4 4"]:
