@@ -2,12 +2,13 @@
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial import cKDTree
 
-from nerfmodal.figures.space import frame_points, space_panels
-from nerfmodal.figures.style import CYCLE, LABEL, TITLE, evenly, new_figure, say
+from nerfmodal.figures.landmarks import draw_landmarks, limits_around
+from nerfmodal.figures.style import CYCLE, FULL_WIDTH, LABEL, TITLE, evenly, new_figure, say
+from nerfmodal.figures.view import view_from
 from nerfmodal.types import PointCloud, ScanResult, SensorGrid
 
 MOST_POINTS = 12_000
@@ -16,6 +17,10 @@ REACH = 4.0
 LEAST_REACH = 0.06
 """… or within this many metres, whichever is larger."""
 
+VIEW = view_from(-60.0, 22.0)
+ROOM = 0.2
+LOWEST, HIGHEST = 1.2, 4.2
+"""Inches of the panels' height."""
 OUTWARDS = 0.08
 """How far beyond its organ a name stands, as a share of the way from the middle."""
 
@@ -25,12 +30,20 @@ def cloud(points: PointCloud, result: ScanResult) -> Figure:
     if not len(points.points):
         return say(new_figure(2.0), points.outcome.value)
     kept = evenly(len(points.points), MOST_POINTS)
+    near_last = kept[np.argsort(VIEW.project(points.points[kept])[:, 2], kind="stable")]
+    low, high = limits_around(VIEW.project(points.points[kept])[:, :2], room=ROOM)
+    across, up = high - low
+    figure = new_figure(float(np.clip(FULL_WIDTH / 2 * up / across, LOWEST, HIGHEST)) + 0.7)
     title = f"Point cloud at t = {points.time:g} s: {len(points.points):,} points"
-    panels = space_panels(2, 2, (3.4, 3.1), title=title)
-    _by_color(panels.axes[0], points, kept)
-    _by_organ(panels.axes[1], points.points[kept], result)
-    panels.bar.remove()
-    return panels.figure
+    figure.suptitle(title, fontsize=TITLE + 0.5, x=0.01, ha="left")
+    panels = figure.subplots(1, 2)
+    for axes in panels:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set_axis_off()
+    draw_landmarks(panels[0], VIEW, low, high, room=ROOM)
+    _by_color(panels[0], points, near_last)
+    _by_organ(panels[1], points.points[near_last], result)
+    return figure
 
 
 def organ_labels(points: Float[np.ndarray, "points 3"], organs: tuple[SensorGrid, ...]) -> Int[np.ndarray, " points"]:
@@ -51,28 +64,27 @@ def _reach(organ: SensorGrid) -> float:
     return max(LEAST_REACH, REACH * float(spacing))
 
 
-def _by_color(axes: Axes3D, points: PointCloud, kept: Int[np.ndarray, " kept"]) -> None:
-    shown = points.points[kept]
-    axes.scatter(*shown.T, c=np.clip(points.colors[kept], 0, 1), s=1.2, linewidths=0, depthshade=False)
-    axes.set_title("in its own colours", fontsize=TITLE, y=0.97)
-    frame_points(axes, shown, zoom=0.95)
+def _by_color(axes: Axes, points: PointCloud, kept: Int[np.ndarray, " kept"]) -> None:
+    x, y, _ = VIEW.project(points.points[kept]).T
+    axes.scatter(x, y, c=np.clip(points.colors[kept], 0, 1), s=1.6, linewidths=0)
+    axes.set_title("in its own colours", fontsize=LABEL)
 
 
-def _by_organ(axes: Axes3D, shown: Float[np.ndarray, "points 3"], result: ScanResult) -> None:
+def _by_organ(axes: Axes, shown: Float[np.ndarray, "points 3"], result: ScanResult) -> None:
     grids = tuple(organ.displacement.sensors for organ in result.organs)
     labels = organ_labels(shown, grids)
-    axes.scatter(*shown[labels < 0].T, c="#c4c4c4", s=0.8, linewidths=0, depthshade=False)
+    x, y, _ = VIEW.project(shown).T
+    axes.scatter(x[labels < 0], y[labels < 0], c="#c4c4c4", s=1.0, linewidths=0)
     for index, grid in enumerate(grids):
-        mine = shown[labels == index]
-        axes.scatter(*mine.T, color=CYCLE[index % len(CYCLE)], s=1.5, linewidths=0, depthshade=False)
+        mine = labels == index
+        axes.scatter(x[mine], y[mine], color=CYCLE[index % len(CYCLE)], s=1.8, linewidths=0)
         _name(axes, grid, shown.mean(axis=0))
-    axes.set_title("by organ (grey: none)", fontsize=TITLE, y=0.97)
-    frame_points(axes, shown, zoom=0.95)
+    axes.set_title("by organ (grey: none)", fontsize=LABEL)
 
 
-def _name(axes: Axes3D, grid: SensorGrid, middle: Float[np.ndarray, " 3"]) -> None:
+def _name(axes: Axes, grid: SensorGrid, middle: Float[np.ndarray, " 3"]) -> None:
     """The organ's name at its end that is farthest from the cloud's middle: colours alone do not survive grey."""
     end = grid.positions[np.argmax(np.linalg.norm(grid.positions - middle, axis=1))]
     paper = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-    place = end + OUTWARDS * (end - middle)
-    axes.text(*place, grid.organ, fontsize=LABEL - 1, ha="center", va="center", bbox=paper, zorder=1000)
+    x, y, _ = VIEW.project(end + OUTWARDS * (end - middle))
+    axes.text(x, y, grid.organ, fontsize=LABEL - 1, ha="center", va="center", bbox=paper, zorder=1000)

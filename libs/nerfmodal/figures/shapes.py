@@ -15,8 +15,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from nerfmodal.figures.landmarks import draw_landmarks, limits_around
 from nerfmodal.figures.style import FULL_WIDTH, LABEL, SIGNED_MAP, TICK, TITLE, measured, new_figure, say
-from nerfmodal.figures.view import View, far_to_near, light, nice_length, view_across
+from nerfmodal.figures.view import View, far_to_near, light, view_across
 from nerfmodal.geometry.skins import Skin, outline, skin_of
 from nerfmodal.types import OrganResult, Verdict
 
@@ -31,8 +32,6 @@ BAR_WIDTH = 0.75
 PHASES = (0.0, 0.125, 0.25, 0.375, 0.5)
 """Of a period, from the largest swing one way to the other (Figure 9)."""
 RANGE = Normalize(-1, 1)
-ARROW, ROOM = 0.14, 0.42
-"""Length of the arrows and height of their corner, as shares of the panel's shorter side."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +80,7 @@ def magnified_frames(organ: OrganResult) -> Figure:
 
 def _panels(modes: list[DrawnMode], count: int, columns: int, title: str) -> tuple[Figure, list[Axes]]:
     """`count` panels, as many for each mode, with one scale; a mode's first says the scale and the directions."""
-    low, high = _limits(modes)
+    low, high = limits_around(np.concatenate([view_of(mode).project(reach_of([mode]))[:, :2] for mode in modes]))
     across, up = high - low
     width = (FULL_WIDTH - BAR_WIDTH) / columns
     height = float(np.clip(width * up / across, LOWEST, HIGHEST))
@@ -93,39 +92,11 @@ def _panels(modes: list[DrawnMode], count: int, columns: int, title: str) -> tup
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", anchor="C")
         axes.set_axis_off()
     for axes, mode in zip(grid[:: count // len(modes)], modes, strict=False):
-        _landmarks(axes, view_of(mode), low, high)
+        draw_landmarks(axes, view_of(mode), low, high)
     bar = figure.colorbar(ScalarMappable(RANGE, SIGNED_MAP), ax=grid, ticks=[-1, 0, 1], shrink=0.6, aspect=18)
     bar.set_label("displacement / largest", fontsize=TICK)
     bar.ax.tick_params(labelsize=TICK)
     return figure, grid[:count]
-
-
-def _limits(modes: list[DrawnMode]) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """The corners, metres to the right and up, around everything that is drawn and a corner for the landmarks."""
-    seen = np.concatenate([view_of(mode).project(reach_of([mode]))[:, :2] for mode in modes])
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    span = np.maximum(high - low, 0.25 * (high - low).max() + 1e-9)
-    middle = (low + high) / 2
-    low, high = middle - 0.54 * span, middle + 0.54 * span
-    low[1] -= ROOM * (high - low).min()
-    return low, high
-
-
-def _landmarks(axes: Axes, view: View, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> None:
-    """Below what is drawn: arrows along x, y, z at the left, a length at the right."""
-    across, up = high - low
-    arrow = ARROW * min(across, up)
-    foot = low + np.array([1.3 * arrow, 1.0 * arrow])
-    for name, tip in zip("xyz", arrow * view.project(np.eye(3))[:, :2], strict=True):
-        axes.plot(*zip(foot, foot + tip, strict=True), color="#444444", linewidth=0.8)
-        x, y = foot + 1.45 * tip
-        axes.text(x, y, name, fontsize=TICK - 1, ha="center", va="center")
-    length = nice_length(0.4 * across)
-    right = high[0] - 0.04 * across
-    axes.plot((right - length, right), (foot[1], foot[1]), color="#222222", linewidth=1.6, solid_capstyle="butt")
-    axes.text(
-        right - length / 2, foot[1] + 0.25 * arrow, f"{length:g} m", fontsize=TICK - 0.5, ha="center", va="bottom"
-    )
 
 
 def view_of(mode: DrawnMode) -> View:

@@ -28,7 +28,12 @@ class View:
 
 def view_across(points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"]) -> View:
     """The view at right angles to the length of `points` and to a motion along `direction`."""
-    azimuth, elevation = np.radians(_azimuth(points, direction)), np.radians(ELEVATION)
+    return view_from(_azimuth(points, direction), ELEVATION)
+
+
+def view_from(azimuth_deg: float, elevation_deg: float) -> View:
+    """The view of an eye in this direction from x towards y, and above the ground."""
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     toward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     return View(axes=np.stack([right, np.cross(toward, right), toward]))

@@ -8,6 +8,7 @@ import pytest
 from nerfmodal.figures import film, write_film
 from nerfmodal.figures.encode import FRAMES_PER_SECOND
 from nerfmodal.figures.films import FOOT, HEAD, SECONDS, SIZE, SWINGS, screen_of
+from nerfmodal.figures.landmarks import limits_around
 from nerfmodal.figures.shapes import drawn_mode, reach_of
 from nerfmodal.figures.view import far_to_near, light, nice_length, view_across
 from PIL import Image
@@ -85,6 +86,16 @@ def test_a_view_keeps_lengths_and_looks_across_the_motion():
     np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
     assert abs(view.axes[2, 0]) < 0.5  # the length is seen from the side
     assert view.project(np.array([[0.0, 0, 1]]))[0, 1] > 0.85  # up is up
+
+
+def test_limits_hold_everything_and_leave_a_corner_below():
+    seen = np.random.default_rng(3).uniform((1, 2), (3, 8), (200, 2))
+    low, high = limits_around(seen, room=0.3)
+    assert (low < seen.min(axis=0)).all()
+    assert (high > seen.max(axis=0)).all()
+    assert seen[:, 1].min() - low[1] > 0.3 * 2
+    flat = limits_around(np.array([[0.0, 1.0], [4.0, 1.0]]))
+    assert (flat[1] - flat[0]).min() > 0.9
 
 
 def test_near_faces_are_painted_last_and_flat_ones_are_brightest():
