@@ -17,6 +17,7 @@ from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
 from nerfmodal.identify.model import FEWEST_FRAMES, Measure
+from nerfmodal.identify.structure import structure_modes
 from nerfmodal.progress import Progress, Report
 from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
@@ -199,6 +200,7 @@ def identify(
             finished=_now(),
         ),
         outcome=outcomes.pop() if len(outcomes) == 1 else Outcome.OK,
+        structure=structure_modes(organs, times),
     )
 
 

@@ -291,8 +291,32 @@ class Provenance:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StructureMode:
+    """One motion of several organs: mode `modes[k]` of organ `organs[k]`, strongest first.
+
+    `amplitudes` are signed and relative to the largest, which is 1; `phases` (radians) are against the first organ,
+    near 0 or pi; `coherences` say how constant they are (1: wholly). `shape` is the motion at `positions`, the sensors
+    of all these organs at rest (world, metres), for a coordinate of 1; `coordinates` are in metres.
+    """
+
+    frequency: float
+    frequency_std: float
+    damping_ratio: float
+    damping_std: float
+    organs: tuple[str, ...]
+    modes: tuple[int, ...]
+    amplitudes: Float[np.ndarray, " members"]
+    phases: Float[np.ndarray, " members"]
+    coherences: Float[np.ndarray, " members"]
+    coordinates: Float[np.ndarray, " frames"]
+    positions: Float[np.ndarray, "sensors 3"]
+    shape: Float[np.ndarray, "sensors 3"]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ScanResult:
-    """All organs of a scan."""
+    """All organs of a scan, and the motions that organs share."""
 
     organs: tuple[OrganResult, ...]
     times: Float[np.ndarray, " frames"]
@@ -300,6 +324,7 @@ class ScanResult:
     excitation: str
     provenance: Provenance
     outcome: Outcome = Outcome.OK
+    structure: tuple[StructureMode, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from nerfmodal.io import atomic_write
 from nerfmodal.spec import ScanSpec
-from nerfmodal.types import OrganResult, ScanResult
+from nerfmodal.types import OrganResult, ScanResult, StructureMode
 
 SHAPE_CONVENTION = {
     "normalisation": "unit_max",
@@ -35,7 +35,7 @@ def modes_document(result: ScanResult, spec: ScanSpec) -> dict[str, Any]:
         "message": result.outcome.value,
         "shape_convention": SHAPE_CONVENTION,
         "organs": [_organ(organ) for organ in result.organs],
-        "structure": [],
+        "structure": [_structure(mode, k) for k, mode in enumerate(result.structure)],
         "provenance": asdict(result.provenance),
     }
 
@@ -51,6 +51,7 @@ def write_modes(result: ScanResult, spec: ScanSpec, out: Path) -> tuple[Path, ..
     """Write `modes.json` and one file for each shape under `out`; returns what was written."""
     document = modes_document(result, spec)
     shapes = [_write_shape(organ, k, out) for organ in result.organs for k in range(len(organ.model.frequencies))]
+    shapes += [_write_structure_shape(mode, k, out) for k, mode in enumerate(result.structure)]
     return (write_json(document, out / "modes.json"), *shapes)
 
 
@@ -111,6 +112,37 @@ def _mode(organ: OrganResult, k: int) -> dict[str, Any]:
         "normalisation": SHAPE_CONVENTION["normalisation"],
         "shape": shape_key(organ.organ, k),
     }
+
+
+def _structure(mode: StructureMode, k: int) -> dict[str, Any]:
+    """A motion that organs share: `amplitude` is relative to the largest, signed."""
+    members = zip(mode.organs, mode.modes, mode.amplitudes, mode.phases, mode.coherences, strict=True)
+    return {
+        "mode": k,
+        "natural_frequency_hz": mode.frequency,
+        "natural_frequency_hz_std": _known(mode.frequency_std),
+        "damping_ratio": mode.damping_ratio,
+        "damping_ratio_std": _known(mode.damping_std),
+        "organs": [
+            {
+                "name": name,
+                "mode": index,
+                "amplitude": float(amplitude),
+                "phase_deg": math.degrees(phase),
+                "coherence": float(coherence),
+            }
+            for name, index, amplitude, phase, coherence in members
+        ],
+        "verdict": mode.verdict.value,
+        "shape": shape_key("structure", k),
+    }
+
+
+def _write_structure_shape(mode: StructureMode, k: int, out: Path) -> Path:
+    path = out / shape_key("structure", k)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, positions=mode.positions, shape=mode.shape)
+    return path
 
 
 def _known(value: float) -> float | None:
