@@ -26,6 +26,8 @@ VISIBLE_WEIGHT = 0.05
 """A block in which no sample had more weight than this is empty (or hidden): its vertices are not kept."""
 DECAY = 1e-3
 """Pull on every sample's density towards nothing, so that fog that explains nothing clears."""
+DISTORTION = 1e-3
+"""Pull of a ray's weights towards one place, per voxel of their distance: fog behind a leaf's gaps gathers on it."""
 STEP = 0.6
 """Distance between samples, voxels."""
 
@@ -90,7 +92,7 @@ class Optimiser:
 
     def __init__(self, rows: int, blocks: int) -> None:
         self.gradients = np.zeros((kernels.CHUNKS, rows, 4), np.float32)
-        self.touched = np.zeros((kernels.CHUNKS, rows // marching.ROWS_PER_BRICK), np.uint8)
+        self.touched = np.zeros((kernels.CHUNKS, rows // kernels.LINE), np.uint8)
         self.first = np.zeros((rows, 4), np.float32)
         self.second = np.zeros((rows, 4), np.float32)
         self.seen = np.zeros((kernels.CHUNKS, blocks), np.float32)
@@ -135,6 +137,7 @@ def train(
     rates: Rates,
     trainable: np.ndarray | None = None,
     decay: float = DECAY,
+    distortion: float = DISTORTION,
     limit: float = 10.0,
 ) -> Float[np.ndarray, " blocks"]:
     """Change `field.values` in place for a number of iterations of the `course`.
@@ -170,6 +173,7 @@ def train(
             rng.random(len(pixels)),
             STEP,
             decay,
+            distortion,
             limit,
             optimiser.gradients,
             optimiser.touched,

@@ -18,11 +18,13 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from nerfmodal.field.marching import MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
+from nerfmodal.field.marching import CORNERS, MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
 
 numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when it is too old
 
 CHUNKS = 2
+LINE = 8
+"""Vertices along a brick's z: what the optimiser visits at once, 128 bytes of each of its arrays."""
 FAINTEST = 1e-3
 """A ray less opaque than this meets nothing."""
 
@@ -46,9 +48,33 @@ def mark_seen(rows, samples, n, seen):
 
 @numba.njit(cache=True, fastmath=True)
 @no_type_check
-def backward(rows, weights, samples, n, tail, error, decay, gradient, touched):
-    """Scatter the loss's derivative of one ray; `tail` is T_end times the background, `error` dL/dC."""
-    behind0, behind1, behind2 = tail[0], tail[1], tail[2]
+def gather_pulls(samples, n, strength, pulls):
+    """Derivative of the ray's distortion (Barron et al. 2022, eq 15) by each weight: it pulls the weights together.
+
+    strength * (sum_ij w_i w_j |t_i - t_j| + sum_i w_i^2 delta_i / 3), in one pass each way instead of over all pairs.
+    """
+    weight, moment = 0.0, 0.0
+    for index in range(n):
+        t, w = samples[index, 0], samples[index, 7]
+        pulls[index] = 2.0 * (t * weight - moment) + 2.0 / 3.0 * w * samples[index, 1]
+        weight += w
+        moment += w * t
+    weight, moment = 0.0, 0.0
+    for index in range(n - 1, -1, -1):
+        t, w = samples[index, 0], samples[index, 7]
+        pulls[index] = strength * (pulls[index] + 2.0 * (moment - t * weight))
+        weight += w
+        moment += w * t
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def backward(rows, weights, samples, n, tail, error, pulls, decay, gradient, touched):
+    """Scatter the loss's derivative of one ray; `tail` is T_end times the background, `error` dL/dC.
+
+    `pulls` is what else each weight is pulled by (dL/dw).
+    """
+    behind0, behind1, behind2, behind = tail[0], tail[1], tail[2], 0.0
     for index in range(n - 1, -1, -1):
         delta, before, raw, weight = samples[index, 1], samples[index, 2], samples[index, 3], samples[index, 7]
         red, green, blue = samples[index, 4], samples[index, 5], samples[index, 6]
@@ -57,26 +83,40 @@ def backward(rows, weights, samples, n, tail, error, decay, gradient, touched):
             error[0] * (after * red - behind0)
             + error[1] * (after * green - behind1)
             + error[2] * (after * blue - behind2)
+            + after * pulls[index]
+            - behind
         )
-        sigmoid = 1.0 / (1.0 + math.exp(-raw))  # derivative of the softplus
+        e = math.exp(min(raw, 30.0))
+        sigmoid = e / (1.0 + e)  # derivative of the softplus
         g_raw = np.float32((slope + decay * delta) * sigmoid)
         g_red, g_green, g_blue = (
             np.float32(error[0] * weight),
             np.float32(error[1] * weight),
             np.float32(error[2] * weight),
         )
-        for corner in range(8):
-            row = rows[index, corner]
-            if row >= 0:
-                w = weights[index, corner]
+        first = rows[index, 0]
+        if first >= 0 and rows[index, 7] - first == CORNERS[7]:  # all in one brick, on four of its lines
+            for corner in range(8):
+                row, w = first + CORNERS[corner], weights[index, corner]
                 gradient[row, 0] += w * g_raw
                 gradient[row, 1] += w * g_red
                 gradient[row, 2] += w * g_green
                 gradient[row, 3] += w * g_blue
-                touched[row // ROWS_PER_BRICK] = 1
+            line = first // LINE
+            touched[line], touched[line + 1], touched[line + 8], touched[line + 9] = 1, 1, 1, 1
+        else:
+            for corner in range(8):
+                row, w = rows[index, corner], weights[index, corner]
+                if row >= 0:
+                    gradient[row, 0] += w * g_raw
+                    gradient[row, 1] += w * g_red
+                    gradient[row, 2] += w * g_green
+                    gradient[row, 3] += w * g_blue
+                    touched[row // LINE] = 1
         behind0 += weight * red
         behind1 += weight * green
         behind2 += weight * blue
+        behind += weight * pulls[index]
 
 
 @numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
@@ -101,6 +141,7 @@ def train_batch(
     jitters,
     step,
     decay,
+    distortion,
     limit,
     gradients,
     touched,
@@ -110,6 +151,7 @@ def train_batch(
 
     Without `use_outer` what lies beyond the region is the picture in `backgrounds`. `seen` keeps the largest weight
     that a sample of each block had. An error beyond `limit` pulls no harder than `limit` (Huber).
+    `decay` pulls every density towards nothing, `distortion` the weights of a ray in the region towards one place.
     """
     count = pixels.shape[0]
     losses = np.zeros(CHUNKS)
@@ -119,7 +161,7 @@ def train_batch(
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
         weights = np.empty((MAX_SAMPLES, 8), np.float32)
         samples = np.empty((MAX_SAMPLES, 8), np.float64)
-        tail, error = np.zeros(3), np.zeros(3)
+        tail, error, pulls = np.zeros(3), np.zeros(3), np.zeros(MAX_SAMPLES)
         for index in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
             camera, row, column = pixels[index, 0], pixels[index, 1], pixels[index, 2]
             dx, dy, dz = ray_of(table, poses, camera, row, column, cell)
@@ -143,6 +185,8 @@ def train_batch(
                 samples,
             )
             mark_seen(rows, samples, n, seen[chunk])
+            gather_pulls(samples, n, distortion, pulls)
+            inside = n
             if use_outer:
                 n, transmittance = march_beyond(
                     outer,
@@ -166,6 +210,7 @@ def train_batch(
                     n,
                     transmittance,
                 )
+            pulls[inside:n] = 0.0
             for channel in range(3):
                 tail[channel] = 0.0
                 if not use_outer:
@@ -176,7 +221,7 @@ def train_batch(
                 difference = color - images[camera, row, column, channel] / 255.0
                 losses[chunk] += difference * difference  # eq 9
                 error[channel] = 2.0 * min(max(difference, -limit), limit)
-            backward(rows, weights, samples, n, tail, error, decay, gradients[chunk], touched[chunk])
+            backward(rows, weights, samples, n, tail, error, pulls, decay, gradients[chunk], touched[chunk])
     return losses.sum() / (3 * count)
 
 
@@ -185,34 +230,54 @@ def train_batch(
 def adam(values, gradients, touched, first, second, trainable, base, step, rates):
     """Adam (Kingma and Ba 2015) on the vertices that the batch touched; clears gradients and marks.
 
-    Inner vertices move only where their block's bit of `trainable` is set; `rates` are (density, colour).
+    Inner vertices move only where their block's bit of `trainable` is set; `rates` are (density, colour). Only lines
+    with a touched vertex are visited: most of a batch's time would else be spent on what no ray has met.
     """
-    correct1, correct2 = 1.0 - 0.9**step, 1.0 - 0.99**step
-    for brick in numba.prange(values.shape[0] // ROWS_PER_BRICK):
-        hit = False
-        for chunk in range(CHUNKS):
-            hit |= touched[chunk, brick] != 0
-            touched[chunk, brick] = 0
-        if not hit:
-            continue
-        for local in range(ROWS_PER_BRICK):
-            row = brick * ROWS_PER_BRICK + local
-            moves = row >= base
-            if not moves:
-                moves = (trainable[brick] >> np.uint64(block_bit(local))) & np.uint64(1) != 0
-            for channel in range(4):
-                total = np.float32(0)
+    scale = np.float32(1.0 / math.sqrt(1.0 - 0.99**step))
+    correct = np.float32(1.0 / (1.0 - 0.9**step))
+    speeds = np.empty(2 * 4, np.float32)
+    for lane in range(8):
+        speeds[lane] = correct * (rates[0] if lane % 4 == 0 else rates[1])
+    lines = values.shape[0] // LINE
+    for part in numba.prange(64):
+        for line in range(part * lines // 64, (part + 1) * lines // 64):
+            hit = np.uint8(0)
+            for chunk in range(CHUNKS):
+                hit |= touched[chunk, line]
+            if hit != 0:
                 for chunk in range(CHUNKS):
-                    total += gradients[chunk, row, channel]
-                    gradients[chunk, row, channel] = 0
-                if total == 0 or not moves:
-                    continue
-                first[row, channel] = 0.9 * first[row, channel] + 0.1 * total
-                second[row, channel] = 0.99 * second[row, channel] + 0.01 * total * total
-                rate = rates[0] if channel == 0 else rates[1]
-                values[row, channel] -= (
-                    rate * (first[row, channel] / correct1) / (math.sqrt(second[row, channel] / correct2) + 1e-10)
-                )
+                    touched[chunk, line] = 0
+                adam_line(line, values, gradients, first, second, pairs_of(trainable, line, base), scale, speeds)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def pairs_of(trainable, line, base):
+    """Which of a line's four pairs of vertices may move, as bits; a pair belongs to one block."""
+    if line * LINE >= base:
+        return np.uint64(15)
+    local = line % (ROWS_PER_BRICK // LINE)
+    bit = ((local >> 3) >> 1 << 4) | ((local & 7) >> 1 << 2)
+    return (trainable[line // (ROWS_PER_BRICK // LINE)] >> np.uint64(bit)) & np.uint64(15)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def adam_line(line, values, gradients, first, second, pairs, scale, speeds):
+    """One step of Adam on a line's vertices; a pair of vertices is eight numbers, one vector of the processor."""
+    for pair in range(4):
+        moves = (pairs >> np.uint64(pair)) & np.uint64(1) != 0
+        for lane in range(8):
+            row, channel = line * LINE + 2 * pair + (lane >> 2), lane & 3
+            total = np.float32(0)
+            for chunk in range(CHUNKS):
+                total += gradients[chunk, row, channel]
+                gradients[chunk, row, channel] = 0
+            if moves and total != 0:
+                m = np.float32(0.9) * first[row, channel] + np.float32(0.1) * total
+                v = np.float32(0.99) * second[row, channel] + np.float32(0.01) * total * total
+                first[row, channel], second[row, channel] = m, v
+                values[row, channel] -= speeds[lane] * m / (math.sqrt(v) * scale + np.float32(1e-10))
 
 
 @numba.njit(cache=True, fastmath=True)

@@ -11,6 +11,8 @@ import numpy as np
 
 MAX_SAMPLES = 768
 ROWS_PER_BRICK = 512
+CORNERS = (0, 1, 8, 9, 64, 65, 72, 73)
+"""Rows of a cell's corners within one brick, from its first."""
 EMPTY_RAW = np.float32(-6.0)
 OPAQUE = 1e-3
 """A ray ends when its transmittance falls below this."""
@@ -20,7 +22,7 @@ OPAQUE = 1e-3
 @no_type_check
 def softplus(raw):
     """log(1 + exp(raw)), without overflow."""
-    return raw if raw > 15.0 else math.log1p(math.exp(raw))
+    return raw if raw > 15.0 else math.log(1.0 + math.exp(raw))
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -63,14 +65,22 @@ def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
 
 @numba.njit(cache=True, fastmath=True)
 @no_type_check
-def to_exit(x, y, z, dx, dy, dz, size):
-    """Distance to the far side of the aligned cube of side `size` that holds the point."""
-    distance = 1e9
-    for p, d in ((x, dx), (y, dy), (z, dz)):
-        if d > 1e-9:
-            distance = min(distance, ((math.floor(p / size) + 1) * size - p) / d)
-        elif d < -1e-9:
-            distance = min(distance, (math.floor(p / size) * size - p) / d)
+def inverse(d):
+    """1 / d, finite for a ray that runs along a face."""
+    return 1.0 / d if abs(d) > 1e-9 else math.copysign(1e9, d)
+
+
+@numba.njit(cache=True, fastmath=True)
+@no_type_check
+def to_exit(x, y, z, i, j, k, ix, iy, iz, size):
+    """Distance to the far side of the aligned cube of `size` (a power of two) cells around cell (i, j, k).
+
+    (ix, iy, iz) is the inverse of the ray's direction.
+    """
+    low = ~(size - 1)
+    distance = ((i & low) + (size if ix > 0 else 0) - x) * ix
+    distance = min(distance, ((j & low) + (size if iy > 0 else 0) - y) * iy)
+    distance = min(distance, ((k & low) + (size if iz > 0 else 0) - z) * iz)
     return max(distance, 0.0)
 
 
@@ -82,27 +92,34 @@ def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
     a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
     raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     one = np.float32(1)
-    corner = 0
-    for di in range(2):
-        wi = a if di else one - a
-        for dj in range(2):
-            wj = wi * (b if dj else one - b)
-            for dk in range(2):
-                w = wj * (c if dk else one - c)
-                p, q, r = i + di, j + dj, k + dk
-                slot = bricks[p >> 3, q >> 3, r >> 3]
-                weights[n, corner] = w
-                if slot < 0:
-                    rows[n, corner] = -1
-                    raw += w * EMPTY_RAW
-                else:
-                    row = base + slot * ROWS_PER_BRICK + (((p & 7) << 6) | ((q & 7) << 3) | (r & 7))
-                    rows[n, corner] = row
-                    raw += w * values[row, 0]
-                    red += w * values[row, 1]
-                    green += w * values[row, 2]
-                    blue += w * values[row, 3]
-                corner += 1
+    for corner in range(8):
+        weights[n, corner] = (
+            (a if corner & 4 else one - a) * (b if corner & 2 else one - b) * (c if corner & 1 else one - c)
+        )
+    own = bricks[i >> 3, j >> 3, k >> 3]
+    if own >= 0 and (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:  # two cells in three have all corners in one brick
+        first = base + own * ROWS_PER_BRICK + (((i & 7) << 6) | ((j & 7) << 3) | (k & 7))
+        for corner in range(8):
+            row, w = first + CORNERS[corner], weights[n, corner]
+            rows[n, corner] = row
+            raw += w * values[row, 0]
+            red += w * values[row, 1]
+            green += w * values[row, 2]
+            blue += w * values[row, 3]
+    else:
+        for corner in range(8):
+            p, q, r = i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1)
+            slot, w = bricks[p >> 3, q >> 3, r >> 3], weights[n, corner]
+            if slot < 0:
+                rows[n, corner] = -1
+                raw += w * EMPTY_RAW
+            else:
+                row = base + slot * ROWS_PER_BRICK + (((p & 7) << 6) | ((q & 7) << 3) | (r & 7))
+                rows[n, corner] = row
+                raw += w * values[row, 0]
+                red += w * values[row, 1]
+                green += w * values[row, 2]
+                blue += w * values[row, 3]
     samples[n, 3] = raw
     samples[n, 4] = red
     samples[n, 5] = green
@@ -113,7 +130,7 @@ def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
 @no_type_check
 def keep_sample(samples, n, t, delta, transmittance):
     """Composite sample n (eq 3): `samples[n]` = t, delta, T_i, raw, rgb, weight. Returns the new transmittance."""
-    opacity = -math.expm1(-softplus(samples[n, 3]) * delta)  # eq 3: alpha_i
+    opacity = 1.0 - math.exp(-softplus(samples[n, 3]) * delta)  # eq 3: alpha_i
     samples[n, 0] = t
     samples[n, 1] = delta
     samples[n, 2] = transmittance
@@ -128,6 +145,8 @@ def march_inner(bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, step
     nx, ny, nz = 2.0 * half[0] / voxel, 2.0 * half[1] / voxel, 2.0 * half[2] / voxel
     near, far = box_span(ox, oy, oz, dx, dy, dz, nx, ny, nz)
     n, transmittance = 0, 1.0
+    ix, iy, iz = inverse(dx), inverse(dy), inverse(dz)
+    per_step = 1.0 / step
     t = near + jitter * step
     while t < far and n < MAX_SAMPLES:
         x = min(max(ox + dx * t, 0.0), nx - 1e-3)
@@ -143,7 +162,7 @@ def march_inner(bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, step
             if (masks[slot] >> np.uint64(bit)) & np.uint64(1) == 0:
                 size = 2
         if size > 0:
-            t += (math.floor(to_exit(x, y, z, dx, dy, dz, size) / step) + 1) * step
+            t += (int(to_exit(x, y, z, i, j, k, ix, iy, iz, size) * per_step) + 1) * step
             continue
         gather(bricks, 0, values, x, y, z, rows, weights, samples, n)
         transmittance = keep_sample(samples, n, t, step, transmittance)

@@ -84,6 +84,7 @@ def loss_of(field: grid.GridField, views: Views, pixels: np.ndarray, **options: 
         np.full(len(pixels), 0.5),
         grid.STEP,
         0.0,
+        0.0,
         10.0,
         optimiser.gradients,
         optimiser.touched,
@@ -124,12 +125,57 @@ def test_gradients_are_the_numerical_ones(
             assert gradient[row, channel] == pytest.approx(numerical, rel=2e-2, abs=2e-4)
 
 
+def distortion(weights: np.ndarray, places: np.ndarray, lengths: np.ndarray) -> float:
+    """mip-NeRF 360, eq 15, over all pairs."""
+    pairs = weights[:, None] * weights[None] * np.abs(places[:, None] - places[None])
+    return float(pairs.sum() + (weights**2 * lengths).sum() / 3)
+
+
+def test_pulls_are_the_derivative_of_the_distortion(rng: np.random.Generator) -> None:
+    count, strength = 12, 0.3
+    samples = np.zeros((count, 8))
+    samples[:, 0], samples[:, 1], samples[:, 7] = np.sort(rng.random(count) * 9), 0.6, rng.random(count) / count
+    pulls = np.zeros(count)
+    kernels.gather_pulls(samples, count, strength, pulls)
+    for index in range(count):
+        moved = np.array([samples[:, 7], samples[:, 7]])
+        moved[:, index] += [1e-6, -1e-6]
+        up, down = (distortion(weights, samples[:, 0], samples[:, 1]) for weights in moved)
+        assert pulls[index] == pytest.approx(strength * (up - down) / 2e-6, rel=1e-4)
+
+
+def test_a_pull_reaches_the_densities_through_the_weights(rng: np.random.Generator) -> None:
+    """d/d sigma_i of sum_j w_j p_j by finite differences of w = T (1 - exp(-sigma delta))."""
+    count, delta = 7, 0.6
+    raw, pulls = rng.normal(-0.5, 1, count), rng.normal(size=count)
+
+    def weights_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        thickness = np.log1p(np.exp(values)) * delta
+        before = np.exp(-np.concatenate([[0], np.cumsum(thickness)[:-1]]))
+        return before * -np.expm1(-thickness), before
+
+    weights, before = weights_of(raw)
+    samples = np.zeros((count, 8))
+    samples[:, 1], samples[:, 2], samples[:, 3], samples[:, 7] = delta, before, raw, weights
+    rows = np.full((count, 8), -1, np.int32)
+    rows[:, 0] = np.arange(count)
+    shares = np.zeros((count, 8), np.float32)
+    shares[:, 0] = 1
+    gradient, touched = np.zeros((512, 4), np.float32), np.zeros(1, np.uint8)
+    kernels.backward(rows, shares, samples, count, np.zeros(3), np.zeros(3), pulls, 0.0, gradient, touched)
+    for index in range(count):
+        step = np.zeros(count)
+        step[index] = 1e-6
+        numerical = (weights_of(raw + step)[0] - weights_of(raw - step)[0]) @ pulls / 2e-6
+        assert gradient[index, 0] == pytest.approx(numerical, rel=1e-4, abs=1e-6)
+
+
 def test_a_slab_of_constant_density_lets_exp_minus_sigma_l_through(views: Views) -> None:
     field = grid.empty_field(LOW, HIGH, VOXEL, None)
     density = 0.05  # per voxel
     field.values[:, 0] = math.log(math.expm1(density))
     pixels = np.array([[0, 10, 12]], dtype=np.int32)
-    _, left, _, _ = grid.render(field, views, pixels, behind=False)
+    _, left, _, _, _ = grid.render(field, views, pixels, behind=False)
     origin, direction = views.poses[0, :3, 3], directions_of(views, pixels)[0]
     first, second = (LOW - origin) / direction, (HIGH - origin) / direction
     length = np.maximum(first, second).min() - np.minimum(first, second).max()
@@ -143,10 +189,11 @@ def test_an_opaque_wall_is_seen_at_its_distance(views: Views) -> None:
     x = (x_of_brick * 8 + (blocks % 512) // 64) * VOXEL / 4 + LOW[0]
     field.values[: field.bricks.rows, 0] = np.where(x < 0.0, 9.0, -12.0)
     pixels = np.array([[0, 10, 12]], dtype=np.int32)
-    _, left, _, distance = grid.render(field, views, pixels, behind=False)
+    _, left, _, distance, spread = grid.render(field, views, pixels, behind=False)
     hit = views.poses[0, :3, 3] + distance[0] * directions_of(views, pixels)[0]
     assert left[0] < 0.01
     assert hit[0] == pytest.approx(0.0, abs=VOXEL / 4)
+    assert spread[0] < VOXEL / 4
 
 
 def test_rays_jump_over_blocks_that_are_not_set(rng: np.random.Generator, views: Views) -> None:
