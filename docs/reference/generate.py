@@ -154,6 +154,8 @@ def _type(annotation: Any) -> str:
         return " or ".join(f"`{value}`" for value in arguments)
     if origin is tuple:
         return f"list of {_type(arguments[0])}" if arguments[-1] is ... else f"{len(arguments)} × {_type(arguments[0])}"
+    if origin is dict:
+        return f"{_type(arguments[1])} by {_type(arguments[0])}"
     if arguments:
         return " or ".join(_type(argument) for argument in arguments)
     name = getattr(annotation, "__name__", str(annotation))
