@@ -18,7 +18,7 @@ from scanjobs.planting import plant
 from scanjobs.settling import fail_scan, hold_scan, live_steps
 from scanjobs.states import OPEN_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
-from scanjobs.transitions import UNSYNCHRONISED, move_step
+from scanjobs.transitions import REFRESHED, UNSYNCHRONISED, move_step
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
@@ -127,11 +127,10 @@ def release_children(session: Session, scan: Scan, step: Step) -> None:
         update(Step)
         .where(Step.id.in_(children), Step.state == StepState.PENDING)
         .values(deps_left=Step.deps_left - 1)
-        .returning(Step.id, Step.deps_left)
+        .returning(Step)
     )
-    counted = session.execute(statement, execution_options=UNSYNCHRONISED).all()
-    for child_id in sorted(child_id for child_id, left in counted if left == 0):
-        child = session.get_one(Step, child_id, populate_existing=True)
+    counted = session.scalars(statement, execution_options=REFRESHED).all()
+    for child in sorted((child for child in counted if child.deps_left == 0), key=lambda child: child.id):
         move_step(session, child, StepState.READY)
         take_over(session, scan, child)
 

@@ -230,11 +230,8 @@ def overdue_steps(session: Session) -> tuple[str, ...]:
 
 
 def _held_step(session: Session, step_id: str) -> tuple[Scan, Step] | None:
-    scan_id = session.scalars(select(Step.scan_id).where(Step.id == step_id)).one_or_none()
-    if scan_id is None:
-        return None
     try:
-        scan = hold_scan(session, scan_id)
+        scan = hold_scan(session, select(Step.scan_id).where(Step.id == step_id).scalar_subquery())
     except NotFound:
         return None
     step = session.get(Step, step_id, populate_existing=True)

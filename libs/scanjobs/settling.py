@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import select, update
+from sqlalchemy import ScalarSelect, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
@@ -30,7 +30,7 @@ DEADLINE_PASSED: Final = MappingProxyType(
 )
 
 
-def hold_scan(session: Session, scan_id: str, *, owner: str | None = None) -> Scan:
+def hold_scan(session: Session, scan_id: str | ScalarSelect[str], *, owner: str | None = None) -> Scan:
     """The scan, its row locked until the transaction ends. Raises `NotFound`."""
     query = select(Scan).where(Scan.id == scan_id).with_for_update().execution_options(populate_existing=True)
     scan = session.scalars(query).one_or_none()

@@ -16,6 +16,7 @@ from scanjobs.webhooks import announce_scan
 Values = Mapping[str, Any]
 BATCH = 500
 """Rows named in one statement; SQLite allows 32,766 variables."""
+REFRESHED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_session": False, "populate_existing": True})
 UNSYNCHRONISED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_session": False})
 """Rows in memory are refreshed by hand, after the guard has spoken."""
 
@@ -52,13 +53,11 @@ def move_step(
         statement = statement.where(guard)
     if target is StepState.READY and current is not StepState.SENT:  # a lost message does not end the wait
         values = {"ready_at": (values or {}).get("not_before", now_s()), **(values or {})}
-    moved = session.execute(
-        statement.values({"state": target.value, **(values or {})}).returning(Step.id),
-        execution_options=UNSYNCHRONISED,
-    ).all()
+    moved = session.scalars(
+        statement.values({"state": target.value, **(values or {})}).returning(Step), execution_options=REFRESHED
+    ).all()  # the row as it is now, in the place of a second look
     if not moved:
         return False
-    session.refresh(step)
     _record(session, [_event(step.scan_id, step.id, step.generation, current.value, target.value, reason)])
     return True
 
