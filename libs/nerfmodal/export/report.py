@@ -35,6 +35,8 @@ CAPTIONS = {
     "every reconstruction error adds its own.",
 }
 
+SHARED = "Motions that several organs share, at their largest swing, magnified; the grey lines are the rest position."
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
@@ -68,6 +70,7 @@ def render_report(
         summary=words.summary(document),
         facts=words.facts(spec, result, frame, cloud),
         pictures=_pictures(named, ""),
+        shared=_shared(named),
         reasons={reason.name: reason.value for reason in Reason},
         verdicts=words.VERDICTS,
         surfaces=words.SURFACES,
@@ -106,6 +109,11 @@ def _pictures(named: Mapping[str, Path], prefix: str) -> list[Picture]:
     """The pictures called `<prefix><what>.png`, in the order of the captions."""
     found = ((named.get(f"{prefix}{what}.png"), caption) for what, caption in CAPTIONS.items())
     return [Picture(source=_data_uri(path), caption=caption) for path, caption in found if path is not None]
+
+
+def _shared(named: Mapping[str, Path]) -> list[Picture]:
+    path = named.get("structure.png")
+    return [] if path is None else [Picture(source=_data_uri(path), caption=SHARED)]
 
 
 def _films(named: Mapping[str, Path], organ: OrganResult) -> list[Picture]:

@@ -8,6 +8,7 @@ from nerfmodal.figures.films import film, write_film
 from nerfmodal.figures.shapes import magnified_frames, mode_shapes
 from nerfmodal.figures.signals import modal_coordinates, principal_components
 from nerfmodal.figures.stabilisation import stabilisation
+from nerfmodal.figures.structure import structure_shapes
 from nerfmodal.figures.style import save
 
 __all__ = [
@@ -23,5 +24,6 @@ __all__ = [
     "principal_components",
     "save",
     "stabilisation",
+    "structure_shapes",
     "write_film",
 ]

@@ -12,6 +12,7 @@ from nerfmodal.figures.films import write_film
 from nerfmodal.figures.shapes import magnified_frames, mode_shapes
 from nerfmodal.figures.signals import modal_coordinates, principal_components
 from nerfmodal.figures.stabilisation import diagram_of, stabilisation
+from nerfmodal.figures.structure import structure_shapes
 from nerfmodal.figures.style import save
 from nerfmodal.io import atomic_write
 from nerfmodal.types import Frame, OrganResult, PointCloud, ScanResult
@@ -35,6 +36,8 @@ def _figures(result: ScanResult, frame: Frame | None, cloud: PointCloud | None) 
         yield "cameras", camera_views(frame)
     if cloud is not None:
         yield "cloud", draw_cloud(cloud, result)
+    if result.structure:
+        yield "structure", structure_shapes(result)
     for organ in result.organs:
         yield from _figures_of_organ(organ, result.excitation)
 

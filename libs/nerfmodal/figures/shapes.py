@@ -56,10 +56,10 @@ def mode_shapes(organ: OrganResult) -> Figure:
     if not count:
         return say(new_figure(2.0), organ.model.outcome.value)
     modes = [drawn_mode(organ, k) for k in range(count)]
-    figure, panels = _panels(modes, count, min(MOST_COLUMNS, max(count, 2)), f"{organ.organ}: mode shapes, magnified")
+    figure, panels = panels_of(modes, count, min(MOST_COLUMNS, max(count, 2)), f"{organ.organ}: mode shapes, magnified")
     for k, (axes, mode) in enumerate(zip(panels, modes, strict=True)):
         axes.set_title(_measured(organ, k), fontsize=LABEL)
-        _draw(axes, mode, 1.0)
+        draw_mode(axes, mode, 1.0)
     return figure
 
 
@@ -70,15 +70,15 @@ def magnified_frames(organ: OrganResult) -> Figure:
         return say(new_figure(2.0), organ.model.outcome.value)
     modes = [drawn_mode(organ, k) for k in range(count)]
     title = f"{organ.organ}: each mode alone, magnified, from its largest swing through half a period"
-    figure, panels = _panels(modes, count * len(PHASES), len(PHASES), title)
+    figure, panels = panels_of(modes, count * len(PHASES), len(PHASES), title)
     moments = [(k, phase) for k in range(count) for phase in PHASES]
     for axes, (k, phase) in zip(panels, moments, strict=True):
         axes.set_title(_moment(organ, k, phase), fontsize=TICK)
-        _draw(axes, modes[k], float(np.cos(2 * np.pi * phase)))
+        draw_mode(axes, modes[k], float(np.cos(2 * np.pi * phase)))
     return figure
 
 
-def _panels(modes: list[DrawnMode], count: int, columns: int, title: str) -> tuple[Figure, list[Axes]]:
+def panels_of(modes: list[DrawnMode], count: int, columns: int, title: str) -> tuple[Figure, list[Axes]]:
     """`count` panels, as many for each mode, with one scale; a mode's first says the scale and the directions."""
     low, high = limits_around(np.concatenate([view_of(mode).project(reach_of([mode]))[:, :2] for mode in modes]))
     across, up = high - low
@@ -109,12 +109,12 @@ def drawn_mode(organ: OrganResult, k: int) -> DrawnMode:
     positions = organ.displacement.sensors.positions
     skin = skin_of(positions, organ.surface, most=MOST_SENSORS)
     motion = organ.model.mode_shapes[:, :, k] @ organ.displacement.directions
-    direction = _main_direction(motion)
+    direction = main_direction(motion)
     length = float(np.linalg.norm(np.ptp(positions, axis=0)))
     moved = motion[skin.sensor]
     return DrawnMode(
         rest=skin.vertices,
-        rest_lines=_rest_lines(organ, skin),
+        rest_lines=rest_lines_of(organ, skin),
         motion=moved,
         signed=moved @ direction,
         direction=direction,
@@ -123,14 +123,15 @@ def drawn_mode(organ: OrganResult, k: int) -> DrawnMode:
     )
 
 
-def _rest_lines(organ: OrganResult, skin: Skin) -> Float[np.ndarray, "lines 2 3"]:
+def rest_lines_of(organ: OrganResult, skin: Skin) -> Float[np.ndarray, "lines 2 3"]:
+    """The outline of a sheet, the centreline of a rod."""
     if organ.surface != "cylinder":
         return skin.vertices[outline(skin.triangles)]
     sensors = organ.displacement.sensors.positions[list(dict.fromkeys(skin.sensor.tolist()))]
     return np.stack([sensors[:-1], sensors[1:]], axis=1)
 
 
-def _main_direction(motion: Float[np.ndarray, "sensors 3"]) -> Float[np.ndarray, " 3"]:
+def main_direction(motion: Float[np.ndarray, "sensors 3"]) -> Float[np.ndarray, " 3"]:
     """Unit vector that most of the motion is along, with the largest displacement positive."""
     direction = np.linalg.svd(motion, full_matrices=False)[2][0]
     largest = motion[np.argmax(np.linalg.norm(motion, axis=1))]
@@ -153,7 +154,8 @@ def _moment(organ: OrganResult, k: int, phase: float) -> str:
     return f"{frequency:.4g} Hz: 0 ms" if phase == 0 else f"{1e3 * phase / frequency:.0f} ms"
 
 
-def _draw(axes: Axes, mode: DrawnMode, coordinate: float) -> None:
+def draw_mode(axes: Axes, mode: DrawnMode, coordinate: float) -> None:
+    """Paint a mode at this value of its coordinate, from -1 to 1, over its rest position."""
     view = view_of(mode)
     places = view.project(mode.rest + coordinate * mode.magnification * mode.motion)
     signed = coordinate * mode.signed
