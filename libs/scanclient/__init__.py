@@ -1,11 +1,14 @@
 """The HTTP client of nerfmodal: typed results, typed errors; knows neither the science nor the services."""
 
-from scanclient.client import Client, is_result
+from scanclient.async_client import AsyncClient
+from scanclient.client import Client
 from scanclient.errors import (
     BrokenDownload,
+    BrokenUpload,
     Conflict,
     ConnectionFailed,
     InvalidRequest,
+    NoRoom,
     NotAllowed,
     NotFound,
     Problem,
@@ -13,17 +16,23 @@ from scanclient.errors import (
     ScanClientError,
     ScanFailed,
     ServiceFailed,
+    TooManyRequests,
     WaitTimedOut,
 )
-from scanclient.values import Artifact, Page, Scan, ScanFailure, StepProgress
+from scanclient.values import Artifact, Capture, LogLine, Page, Scan, ScanFailure, StepProgress, Upload, is_result
 
 __all__ = [
     "Artifact",
+    "AsyncClient",
     "BrokenDownload",
+    "BrokenUpload",
+    "Capture",
     "Client",
     "Conflict",
     "ConnectionFailed",
     "InvalidRequest",
+    "LogLine",
+    "NoRoom",
     "NotAllowed",
     "NotFound",
     "Page",
@@ -35,6 +44,8 @@ __all__ = [
     "ScanFailure",
     "ServiceFailed",
     "StepProgress",
+    "TooManyRequests",
+    "Upload",
     "WaitTimedOut",
     "is_result",
 ]

@@ -11,7 +11,12 @@ def checked(answer: httpx.Response) -> httpx.Response:
     """The answer, if it is a success; raises the `Problem` it carries otherwise."""
     if answer.is_success:
         return answer
-    raise problem(answer.status_code, _body(answer))
+    raise problem(answer.status_code, _body(answer), _seconds(answer.headers.get("retry-after")))
+
+
+def _seconds(header: str | None) -> float | None:
+    """`Retry-After` in seconds; a date is not read."""
+    return float(header) if header and header.isascii() and header.isdigit() else None
 
 
 def _body(answer: httpx.Response) -> dict[str, Any]:

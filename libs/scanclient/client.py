@@ -2,7 +2,7 @@
 
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,12 +10,14 @@ from typing import Any, Self
 import httpx
 import stamina
 
-from scanclient import calls, downloads
+from scanclient import calls
 from scanclient.answers import checked
 from scanclient.calls import Call
-from scanclient.errors import BrokenDownload, ScanCanceled, ScanFailed, WaitTimedOut
+from scanclient.errors import WaitTimedOut
+from scanclient.fetching import AT_ONCE, Fetcher
 from scanclient.retries import unreachable, worth_retrying
-from scanclient.values import Artifact, Page, Scan
+from scanclient.sending import Sender
+from scanclient.values import Artifact, Capture, LogLine, Page, Scan, bound, is_result, succeeded
 
 
 class Client:
@@ -59,12 +61,11 @@ class Client:
         ------
         InvalidRequest : the specification is refused; `pointer` names the field.
         """
-        answer = self._send(calls.submit(dict(spec), idempotency_key or str(uuid.uuid4())))
-        return Scan.parse(answer.json())
+        return self._scan(calls.submit(dict(spec), idempotency_key or str(uuid.uuid4())))
 
     def get(self, scan: str) -> Scan:
         """The scan with its progress. Raises `NotFound`."""
-        return Scan.parse(self._send(calls.get(scan)).json())
+        return self._scan(calls.get(scan))
 
     def list(
         self,
@@ -77,7 +78,8 @@ class Client:
     ) -> Page:
         """One page of scans, the newest first."""
         call = calls.list_scans(status=status, plant=plant, tag=tag, cursor=cursor, limit=limit)
-        return Page.parse(self._send(call).json())
+        page = Page.parse(self._send(call).json())
+        return Page(items=tuple(bound(scan, self) for scan in page.items), next_cursor=page.next_cursor)
 
     def iterate(self, *, status: str | None = None, plant: str | None = None, tag: str | None = None) -> Iterator[Scan]:
         """All scans, the newest first, page by page."""
@@ -116,18 +118,37 @@ class Client:
             if on_progress is not None:
                 on_progress(seen)
             if seen.is_over:
-                return _succeeded(seen)
+                return succeeded(seen)
             if deadline is not None and time.monotonic() + poll_s > deadline:
                 raise WaitTimedOut(f"scan {scan} is still {seen.status} after {timeout_s:g} s")
             time.sleep(poll_s)
 
     def cancel(self, scan: str) -> Scan:
         """Ask the scan to stop. Raises `Conflict` when it is over."""
-        return Scan.parse(self._send(calls.cancel(scan)).json())
+        return self._scan(calls.cancel(scan))
 
-    def retry(self, scan: str, from_step: str | None = None) -> Scan:
-        """Run a scan that is over again, from `from_step` on (``scan.identify``) or its first failure."""
-        return Scan.parse(self._send(calls.retry(scan, from_step)).json())
+    def retry(self, scan: str, from_step: str | None = None, frames: Sequence[int] = ()) -> Scan:
+        """Run a scan that is over again, from `from_step` on (``scan.identify``), of `frames` alone if given."""
+        return self._scan(calls.retry(scan, from_step, frames))
+
+    def fork(self, scan: str, changes: Mapping[str, Any], idempotency_key: str | None = None) -> Scan:
+        """Submit a scan again with changes (a JSON merge patch); what they do not touch is not computed again."""
+        return self._scan(calls.fork(scan, dict(changes), idempotency_key or str(uuid.uuid4())))
+
+    def delete(self, scan: str) -> None:
+        """Forget a scan that has ended, with its files. Raises `Conflict` while it runs."""
+        self._send(calls.delete(scan))
+
+    def logs(self, scan: str, *, after: int = 0, limit: int = 500) -> tuple[LogLine, ...]:
+        """What the steps wrote behind the line `after`, oldest first."""
+        rows = self._send(calls.logs(scan, after=after, limit=limit)).json()["items"]
+        return tuple(LogLine.parse(row) for row in rows)
+
+    def iterate_logs(self, scan: str, *, after: int = 0) -> Iterator[LogLine]:
+        """All lines behind `after` that are there now, page by page."""
+        while lines := self.logs(scan, after=after):
+            yield from lines
+            after = lines[-1].id
 
     def modes(self, scan: str) -> dict[str, Any]:
         """The scan's ``modes.json``."""
@@ -155,6 +176,7 @@ class Client:
         *,
         select: Callable[[Artifact], bool] | None = None,
         on_file: Callable[[Artifact], None] | None = None,
+        at_once: int = AT_ONCE,
     ) -> tuple[Path, ...]:
         """Fetch a scan's files into `folder`, checked by digest; what is there already is not fetched again.
 
@@ -162,72 +184,64 @@ class Client:
         ----------
         select : which files; by default the results and the truth, without frames, checkpoints and clouds.
         on_file : called after each file.
+        at_once : files, and ranges of large files, that are fetched beside one another.
 
         Raises
         ------
         BrokenDownload : a file arrived twice with another digest than the service holds.
         """
         wanted = [artifact for artifact in self.artifacts(scan) if (select or is_result)(artifact)]
-        paths = []
-        for artifact in wanted:
-            paths.append(self._download_one(scan, artifact, folder))
-            if on_file is not None:
-                on_file(artifact)
-        return tuple(paths)
-
-    def _download_one(self, scan: str, artifact: Artifact, folder: Path) -> Path:
-        path = downloads.target(folder, artifact)
-        if downloads.is_complete(path, artifact):
-            return path
+        fetcher = Fetcher(self._http, scan, attempts=self._attempts)
         try:
-            return self._fetch(scan, artifact, path)
-        except BrokenDownload:
-            return self._fetch(scan, artifact, path)  # a part file of unknown past: once more, from byte 0
-
-    def _fetch(self, scan: str, artifact: Artifact, path: Path) -> Path:
-        part = downloads.part_path(path, artifact)
-        on = worth_retrying(repeatable=True)
-        try:
-            for attempt in stamina.retry_context(on=on, attempts=self._attempts):
-                with attempt:
-                    self._fetch_rest(scan, artifact, part)
+            return fetcher.fetch(wanted, folder, at_once=at_once, on_file=on_file)
         except httpx.TransportError as error:
             raise unreachable(self._address, error) from error
-        return downloads.accept(part, path, artifact)
 
-    def _fetch_rest(self, scan: str, artifact: Artifact, part: Path) -> None:
-        start = downloads.bytes_present(part, artifact)
-        if start == artifact.size and part.exists():
-            return
-        call = calls.artifact(scan, artifact.name, start=start)
-        with self._http.stream(call.method, call.path, headers=call.headers) as answer:
-            if not answer.is_success:
-                answer.read()
-            resumed = checked(answer).status_code == httpx.codes.PARTIAL_CONTENT
-            downloads.append(part, answer.iter_bytes(), start=start if resumed else 0)
+    def upload(
+        self,
+        folder: Path,
+        *,
+        kind: str = "capture",
+        name: str | None = None,
+        on_bytes: Callable[[int], None] | None = None,
+        at_once: int = AT_ONCE,
+    ) -> Capture:
+        """Send a folder of pictures (or of clouds) and make it a capture; `capture.source` goes into a specification.
+
+        What an earlier call has sent of it, in this program or in one that was killed, is not sent again.
+
+        Parameters
+        ----------
+        kind : ``"capture"`` or ``"clouds"``.
+        on_bytes : called with the number of bytes of each piece that has arrived; from several threads.
+
+        Raises
+        ------
+        InvalidRequest : a file cannot be used; the detail names it.
+        BrokenUpload : a file changed meanwhile.
+        """
+        paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+        files = [(path.relative_to(folder).as_posix(), path) for path in paths]
+        sender = Sender(self._send, self._once, attempts=self._attempts)
+        try:
+            uploads = sender.send(files, at_once=at_once, on_bytes=on_bytes)
+        except httpx.TransportError as error:
+            raise unreachable(self._address, error) from error
+        members = [(upload.id, relative) for upload, (relative, _) in zip(uploads, files, strict=True)]
+        return Capture.parse(self._send(calls.make_capture(name or folder.name or kind, kind, members)).json())
+
+    def _scan(self, call: Call) -> Scan:
+        return bound(Scan.parse(self._send(call).json()), self)
 
     def _send(self, call: Call) -> httpx.Response:
         on = worth_retrying(repeatable=call.repeatable)
         try:
             for attempt in stamina.retry_context(on=on, attempts=self._attempts):
                 with attempt:
-                    return checked(self._request(call))
+                    return self._once(call)
         except httpx.TransportError as error:
             raise unreachable(self._address, error) from error
         raise AssertionError("the retry loop ends by returning or raising")
 
-    def _request(self, call: Call) -> httpx.Response:
-        return self._http.request(call.method, call.path, params=call.params, json=call.body, headers=call.headers)
-
-
-def is_result(artifact: Artifact) -> bool:
-    """Whether a file is a result, or the truth of a simulation, and no frame, checkpoint or cloud."""
-    return artifact.step == "scan.identify" or artifact.role == "truth"
-
-
-def _succeeded(scan: Scan) -> Scan:
-    if scan.status == "failed":
-        raise ScanFailed(scan)
-    if scan.status == "canceled":
-        raise ScanCanceled(scan)
-    return scan
+    def _once(self, call: Call) -> httpx.Response:
+        return checked(self._http.request(**call.arguments()))

@@ -2,7 +2,9 @@
 
 import hashlib
 import os
+import shutil
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from scanclient.errors import BrokenDownload
@@ -27,13 +29,42 @@ def is_complete(path: Path, artifact: Artifact) -> bool:
     return path.is_file() and path.stat().st_size == artifact.size and digest_of(path) == artifact.sha256
 
 
-def bytes_present(part: Path, artifact: Artifact) -> int:
+def bytes_present(part: Path, most: int) -> int:
     """How many bytes of the part file count; one that is too long is thrown away."""
     size = part.stat().st_size if part.exists() else 0
-    if size <= artifact.size:
+    if size <= most:
         return size
     part.unlink()
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Bytes `start` to `end` of a file, fetched on their own."""
+
+    start: int
+    end: int
+
+
+def pieces_of(artifact: Artifact, piece_bytes: int) -> tuple[Piece, ...]:
+    """The file cut into ranges that are fetched beside one another; a small one is one piece."""
+    starts = range(0, artifact.size, piece_bytes) if artifact.size > piece_bytes else (0,)
+    return tuple(Piece(start, min(start + piece_bytes, artifact.size)) for start in starts)
+
+
+def piece_path(part: Path, piece: Piece) -> Path:
+    """The unfinished file of one piece."""
+    return part.with_name(f"{part.name}.{piece.start}")
+
+
+def join(part: Path, pieces: Iterable[Piece]) -> None:
+    """Put the pieces together and remove them."""
+    with part.open("wb") as whole:
+        for piece in pieces:
+            with piece_path(part, piece).open("rb") as file:
+                shutil.copyfileobj(file, whole, 1 << 20)
+    for piece in pieces:
+        piece_path(part, piece).unlink()
 
 
 def append(part: Path, blocks: Iterable[bytes], *, start: int) -> None:

@@ -9,13 +9,17 @@
      │   ├─ NotAllowed          401, 403
      │   ├─ NotFound            404
      │   ├─ Conflict            409: the scan's state forbids it
+     │   ├─ TooManyRequests     429, after all retries; `retry_after_s` says when to go on
+     │   ├─ NoRoom              507: the owner's quota or the disk is used up
      │   └─ ServiceFailed       5xx
      ├─ ScanFailed              a scan that was waited for failed; `scan.error` says where and why
      ├─ ScanCanceled            a scan that was waited for was canceled
      ├─ WaitTimedOut            the scan goes on, the patience is over
+     ├─ BrokenUpload            a file changed while it was sent
      └─ BrokenDownload          a file differs from its digest, or its name leaves the folder
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -41,10 +45,12 @@ class Problem(ScanClientError):
     pointer : JSON pointer of the bad field, where there is one.
     hint : the remedy, where there is one.
     request_id : what the operator finds in the log.
+    retry_after_s : seconds after which it may be tried again, where the service says so.
     """
 
-    def __init__(self, status: int, body: dict[str, Any]) -> None:
+    def __init__(self, status: int, body: dict[str, Any], retry_after_s: float | None = None) -> None:
         self.status = status
+        self.retry_after_s = retry_after_s
         self.code: str = str(body.get("code") or f"HTTP_{status}")
         self.detail: str = str(body.get("detail") or body.get("title") or "The service gave no reason.")
         self.pointer: str | None = body.get("pointer")
@@ -74,6 +80,14 @@ class Conflict(Problem):
     """The scan's state forbids what was asked."""
 
 
+class TooManyRequests(Problem):
+    """The key's rate is used up; go on after `retry_after_s`."""
+
+
+class NoRoom(Problem):
+    """The owner's quota or the service's disk is used up; delete what is not needed."""
+
+
 class ServiceFailed(Problem):
     """The service failed or is overloaded; try again, and quote `request_id` if it stays."""
 
@@ -99,13 +113,25 @@ class WaitTimedOut(ScanClientError):
     """The scan did not end in the time given; it goes on in the service."""
 
 
+class BrokenUpload(ScanClientError):
+    """What arrived is not what lies on disk: the file changed while it was sent; send it again."""
+
+
 class BrokenDownload(ScanClientError):
     """What arrived is not what the service holds; the file was removed, download it again."""
 
 
-def problem(status: int, body: dict[str, Any]) -> Problem:
+KINDS: Mapping[int, type[Problem]] = {
+    401: NotAllowed,
+    403: NotAllowed,
+    404: NotFound,
+    409: Conflict,
+    429: TooManyRequests,
+    507: NoRoom,
+}
+
+
+def problem(status: int, body: dict[str, Any], retry_after_s: float | None = None) -> Problem:
     """The exception that fits an answer's status."""
-    kinds: dict[int, type[Problem]] = {401: NotAllowed, 403: NotAllowed, 404: NotFound, 409: Conflict}
-    if status >= 500:
-        return ServiceFailed(status, body)
-    return kinds.get(status, InvalidRequest)(status, body)
+    default = ServiceFailed if status >= 500 else InvalidRequest
+    return KINDS.get(status, default)(status, body, retry_after_s)

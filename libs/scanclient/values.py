@@ -3,9 +3,12 @@
 A key that a newer service adds is ignored: an old client reads a new service.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
+
+from scanclient.errors import ScanCanceled, ScanFailed
 
 TERMINAL = frozenset({"succeeded", "failed", "canceled"})
 """Status words after which nothing moves unless the scan is retried."""
@@ -73,6 +76,23 @@ class Scan:
     progress: tuple[StepProgress, ...]
     error: ScanFailure | None
     spec: dict[str, Any]
+    client: Any = field(default=None, repr=False, compare=False)
+    """Who it was asked of, and whom `wait` asks again."""
+
+    def wait(
+        self,
+        *,
+        on_progress: "Callable[[Scan], None] | None" = None,
+        poll_s: float = 1.0,
+        timeout_s: float | None = None,
+    ) -> Any:
+        """`Client.wait` of this scan; of an `AsyncClient` it is awaited.
+
+        Raises
+        ------
+        ScanFailed, ScanCanceled, WaitTimedOut
+        """
+        return self.client.wait(self.id, on_progress=on_progress, poll_s=poll_s, timeout_s=timeout_s)
 
     @property
     def is_over(self) -> bool:
@@ -133,6 +153,83 @@ class Artifact:
             sha256=body["sha256"],
             media_type=body["media_type"],
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Upload:
+    """A file on its way to the service; `received` bytes are safely there, `sha256` is known once all are."""
+
+    id: str
+    name: str
+    length: int
+    received: int
+    complete: bool
+    sha256: str | None
+
+    @classmethod
+    def parse(cls, body: dict[str, Any]) -> "Upload":
+        keys = ("id", "name", "length", "received", "complete", "sha256")
+        return cls(**{key: body[key] for key in keys})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capture:
+    """Pictures or clouds that the service holds; `source` goes into a specification."""
+
+    id: str
+    name: str
+    kind: str
+    source: dict[str, str]
+    files: int
+    size: int
+    facts: dict[str, Any]
+
+    @classmethod
+    def parse(cls, body: dict[str, Any]) -> "Capture":
+        keys = ("id", "name", "kind", "source", "files", "size", "facts")
+        return cls(**{key: body[key] for key in keys})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogLine:
+    """A line that a step wrote; `id` is where to go on from."""
+
+    id: int
+    step: str | None
+    frame: int | None
+    level: str
+    text: str
+    at: datetime | None
+
+    @classmethod
+    def parse(cls, body: dict[str, Any]) -> "LogLine":
+        return cls(
+            id=body["id"],
+            step=body["step"],
+            frame=body["frame"],
+            level=body["level"],
+            text=body["text"],
+            at=_instant(body["at"]),
+        )
+
+
+def bound(scan: Scan, client: Any) -> Scan:
+    """The same scan, asked of this client."""
+    return replace(scan, client=client)
+
+
+def succeeded(scan: Scan) -> Scan:
+    """The scan, if it ended well. Raises `ScanFailed` or `ScanCanceled`."""
+    if scan.status == "failed":
+        raise ScanFailed(scan)
+    if scan.status == "canceled":
+        raise ScanCanceled(scan)
+    return scan
+
+
+def is_result(artifact: Artifact) -> bool:
+    """Whether a file is a result, or the truth of a simulation, and no frame, checkpoint or cloud."""
+    return artifact.step == "scan.identify" or artifact.role == "truth"
 
 
 def _instant(text: str | None) -> datetime | None:

@@ -4,7 +4,9 @@ Never 200 with an error inside. What nobody foresaw is a 500 that says nothing b
 """
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from http import HTTPStatus
 from typing import Any
 
@@ -177,7 +179,27 @@ def on_database(request: Request, error: Exception) -> JSONResponse:
 def _on_http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = CODE_OF_STATUS.get(error.status_code, f"HTTP_{error.status_code}")
-    return problem(request, error.status_code, code, str(error.detail), headers=error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_methods_at(request))
+    return problem(request, error.status_code, code, str(error.detail), headers=headers)
+
+
+def _methods_at(request: Request) -> list[str]:
+    """Every method that the path takes; the router names those of one route alone."""
+    paths: dict[str, dict[str, Any]] = request.app.openapi()["paths"]
+    here = request.url.path
+    fit = [paths[here]] if here in paths else [paths[path] for path in paths if _regex_of(path).fullmatch(here)]
+    return sorted({method.upper() for methods in fit for method in methods})
+
+
+@cache
+def _regex_of(path: str) -> re.Pattern[str]:
+    """What a path of the OpenAPI document stands for; a file's name may have slashes."""
+    parts = re.split(r"(\{\w+\})", path)
+    return re.compile(
+        "".join(("(?s:.+)" if part == "{name}" else "[^/]+") if part[:1] == "{" else re.escape(part) for part in parts)
+    )
 
 
 def _on_anything(request: Request, error: Exception) -> JSONResponse:

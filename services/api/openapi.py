@@ -13,18 +13,24 @@ from services.api.schemas import Problem
 Document = dict[str, Any]
 REFERENCE = "#/components/schemas/{model}"
 SCHEME = "key"
+TUS = "Tus-Resumable"
 KEYS = "An API key, `nm_…`; none is needed on the machine that `nerfmodal up` runs on."
 MEANING: Mapping[int, str] = {
     400: "The body is no JSON.",
     401: "No API key, or one that is unknown, revoked or expired.",
     403: "The API key lacks the scope that this needs.",
-    404: "There is no such scan, mode or file for this caller.",
+    404: "There is no such thing for this caller.",
     409: "The scan's state does not allow it, or the Idempotency-Key came with another body before.",
     413: "The body is too large.",
+    412: "The client speaks another version of tus.",
+    415: "The Content-Type is not the one that this needs.",
     416: "The range lies behind the end of the file.",
     422: "What is wrong, where, and what to change.",
+    423: "Another request is sending to the same upload.",
     429: "Too many requests with this key; `Retry-After` says when to go on.",
+    460: "The bytes do not have their checksum; nothing of them is kept.",
     503: "The database does not answer; nothing was stored. Send it again.",
+    507: "There is no room for it: the owner's quota or the disk.",
 }
 
 
@@ -51,6 +57,9 @@ def _described(app: FastAPI) -> Document:
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     for path, method, operation in _operations(document):
+        for parameter in operation.get("parameters", ()):
+            if parameter["name"] == TUS:  # its absence is answered with 412, not with the 422 of other parameters
+                parameter |= {"required": True, "schema": {"const": "1.0.0"}}
         if is_guarded(path):
             operation["security"] = [{SCHEME: []}]
         operation["responses"].pop("422", None)
@@ -67,17 +76,23 @@ def _operations(document: Document) -> Iterator[tuple[str, str, Document]]:
 def _refusals(path: str, method: str, operation: Document) -> list[int]:
     """The statuses that an operation may refuse with; health checks have their own answer for 503."""
     found = [401, 403, 429, 503] if is_guarded(path) else []
-    if "{scan_id}" in path:
+    if "{" in path:
         found.append(404)
-    if method == "post":
+    if method in ("post", "delete", "patch"):
         found.append(409)
     if "requestBody" in operation:
         found += [400, 413]
+    if path.startswith(("/v1/uploads", "/v1/captures")) and method in ("post", "patch"):
+        found += [400, 413, 415, 423, 507]
+    if path.startswith("/v1/uploads") and method in ("post", "patch", "head", "delete"):
+        found.append(412)
+    if path.startswith("/v1/uploads") and method in ("post", "patch"):
+        found.append(460)
     if operation.get("parameters") or "requestBody" in operation:
         found.append(422)
     if path.endswith("/artifacts/{name}"):
         found.append(416)
-    return sorted(found)
+    return sorted(set(found))
 
 
 def _problem(status: int) -> Document:

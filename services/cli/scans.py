@@ -13,6 +13,7 @@ from services.cli.address import Url, address_of
 from services.cli.output import Json, modes_table, print_json, results, table_of
 from services.cli.progress import duration, scan_bars
 from services.cli.specs import SpecFile, located, read_spec
+from services.cli.transfers import byte_bar, read_changes
 
 if TYPE_CHECKING:
     from scanclient import Client, Scan
@@ -95,10 +96,82 @@ def cancel(scan_id: ScanId, url: Url = None, key: Key = None, as_json: Json = Fa
 
 
 @app.command(epilog="Example: nerfmodal scans retry 0190c0de-0000-7000-8000-000000000000 --from scan.identify")
-def retry(scan_id: ScanId, from_step: Step = None, url: Url = None, key: Key = None, as_json: Json = False) -> None:
+def retry(
+    scan_id: ScanId,
+    from_step: Step = None,
+    frames: Annotated[list[int] | None, typer.Option("--frame", help="Of this frame alone; needs --from.")] = None,
+    url: Url = None,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
     """Run an ended scan again: what had not succeeded, or everything from a step on."""
     with service(url, key) as client:
-        show_scan(client.retry(scan_id, from_step), as_json=as_json)
+        show_scan(client.retry(scan_id, from_step, frames or ()), as_json=as_json)
+
+
+@app.command(epilog="Example: nerfmodal scans fork 0190c0de-0000-7000-8000-000000000000 changes.yaml --wait")
+def fork(
+    scan_id: ScanId,
+    changes: Annotated[Path, typer.Argument(help="What is to be another way: YAML or JSON, merged into the scan's.")],
+    wait: Annotated[bool, typer.Option("--wait", help="Follow the scan to its end.")] = False,
+    url: Url = None,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Submit a scan again with changes; what they do not touch is not computed again."""
+    document = read_changes(changes)
+    with service(url, key) as client:
+        scan = client.fork(scan_id, document)
+        if wait:
+            scan = follow(client, scan.id, quiet=as_json)
+    show_scan(scan, as_json=as_json, brief=not wait)
+
+
+@app.command(epilog="Example: nerfmodal scans upload captures/fern")
+def upload(
+    folder: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="Pictures and transforms.json.")],
+    clouds: Annotated[bool, typer.Option("--clouds", help="The folder holds point clouds.")] = False,
+    name: Annotated[str | None, typer.Option(help="What the capture is called.", show_default="folder")] = None,
+    url: Url = None,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Send a folder to the service and print what a specification's source.path names it by; goes on after a break."""
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    with service(url, key) as client, byte_bar(size, quiet=as_json) as arrived:
+        capture = client.upload(folder, kind="clouds" if clouds else "capture", name=name, on_bytes=arrived)
+    if as_json:
+        print_json(dataclasses.asdict(capture))
+    else:
+        typer.echo(capture.source["path"])
+
+
+@app.command(epilog="Example: nerfmodal scans logs 0190c0de-0000-7000-8000-000000000000")
+def logs(
+    scan_id: ScanId,
+    after: Annotated[int, typer.Option(min=0, help="Only lines behind this one.")] = 0,
+    url: Url = None,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Print what the steps of a scan wrote."""
+    with service(url, key) as client:
+        lines = list(client.iterate_logs(scan_id, after=after))
+    if as_json:
+        print_json([{**dataclasses.asdict(line), "at": line.at.isoformat() if line.at else None} for line in lines])
+        return
+    for line in lines:
+        frame = "" if line.frame is None or line.frame < 0 else f" {line.frame}"
+        typer.echo(f"{line.at:%H:%M:%S} {line.step or ''}{frame}: {line.text}" if line.at else line.text)
+
+
+@app.command(epilog="Example: nerfmodal scans delete 0190c0de-0000-7000-8000-000000000000")
+def delete(scan_id: ScanId, url: Url = None, key: Key = None, as_json: Json = False) -> None:
+    """Forget a scan that has ended, with its files."""
+    with service(url, key) as client:
+        client.delete(scan_id)
+    if as_json:
+        print_json({"deleted": scan_id})
 
 
 @app.command(epilog="Example: nerfmodal scans modes 0190c0de-0000-7000-8000-000000000000 --json")
@@ -151,7 +224,8 @@ def show_scan(scan: "Scan", *, as_json: bool, brief: bool = False) -> None:
 
 def document_of(scan: "Scan") -> dict[str, Any]:
     """A scan as JSON again."""
-    document = dataclasses.asdict(scan)
+    document = dataclasses.asdict(dataclasses.replace(scan, client=None))
+    del document["client"]
     return {key: value.isoformat() if isinstance(value, datetime) else value for key, value in document.items()}
 
 

@@ -162,7 +162,7 @@ def store_scan(
     """Commit the scan. Where another request has just used the key, the second try finds that scan."""
 
     def work(session: Session) -> Submission:
-        return insert_scan(session, spec, owner=owner, idempotency=idempotency, fork_of=fork_of)
+        return insert_scan(session, spec, owner=owner, idempotency=idempotency, fork_of=fork_of, plan_later=True)
 
     try:
         return parts.store.write(work)

@@ -7,10 +7,11 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from scanjobs.settings import Settings
 from scanjobs.store import open_store
+from sqlalchemy import event
 from starlette.testclient import TestClient
 
 from services.api.app import create_app
-from tests.unit.api.service import Service
+from tests.unit.api.service import Service, simulation
 
 
 def sample(text: str, name: str, **labels: str) -> float | None:
@@ -90,3 +91,18 @@ def test_ready_fails_without_a_database_and_names_no_address(service: Service):
     assert answer.json()["checks"]["database"] == "it cannot be reached"
     assert "geheim" not in answer.text
     assert sample(text, "nerfmodal_database_up") == 0
+
+
+@pytest.mark.parametrize("frames", [4, 4000])
+def test_submitting_costs_the_same_however_long_the_plan_is(service: Service, frames: int):
+    """One row of the scan and one of its birth; the plan is written down by the next tick of a worker."""
+    written: list[str] = []
+    event.listen(service.store.engine, "before_cursor_execute", lambda *given: written.append(given[2]))
+    spec = simulation() | {"source": simulation()["source"] | {"frames": frames}}
+    body = service.http.post("/v1/scans", json=spec).json()
+    assert [text.split()[2] for text in written if text.startswith("INSERT")] == ["scan", "event"]
+    promised = {row["step"]: row["total"] for row in body["progress"]}
+    service.plant()
+    planted = {row["step"]: row["total"] for row in service.http.get(f"/v1/scans/{body['id']}").json()["progress"]}
+    assert planted == promised
+    assert promised["frame.train"] == frames + 1

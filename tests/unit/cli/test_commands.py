@@ -36,7 +36,19 @@ ALL = sorted(commands(get_command(app)))
 def test_the_promised_commands_are_there() -> None:
     scans = {words[1] for words in ALL if words[0] == "scans"}
     assert {words[0] for words in ALL} >= {"run", "simulate", "reconstruct", "identify", "compare", "up", "doctor"}
-    assert scans == {"submit", "list", "show", "watch", "cancel", "retry", "modes", "download"}
+    assert scans >= {
+        "submit",
+        "list",
+        "show",
+        "watch",
+        "cancel",
+        "retry",
+        "fork",
+        "modes",
+        "download",
+        "upload",
+        "logs",
+    }
 
 
 @pytest.mark.parametrize("words", ALL, ids=" ".join)

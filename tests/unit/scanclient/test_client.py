@@ -4,7 +4,19 @@ import json
 from datetime import UTC, datetime
 
 import pytest
-from scanclient import Client, Conflict, ConnectionFailed, InvalidRequest, NotFound, Scan, ScanFailed, WaitTimedOut
+from scanclient import (
+    Client,
+    Conflict,
+    ConnectionFailed,
+    InvalidRequest,
+    NotFound,
+    Scan,
+    ScanFailed,
+    TooManyRequests,
+    WaitTimedOut,
+)
+from scanclient.errors import problem
+from scanclient.retries import worth_retrying
 
 from tests.unit.scanclient.scripted import Heard, Reply, ScriptedServer, json_reply, scan_body
 
@@ -115,3 +127,20 @@ def test_iterate_follows_the_cursor_and_keeps_the_filters(server: ScriptedServer
     with Client(server.address) as client:
         assert [scan.id for scan in client.iterate(tag="a b")] == ["a", "b"]
     assert all("tag=a" in heard.path for heard in server.heard)
+
+
+def test_a_service_that_says_not_so_fast_is_asked_again_later(server: ScriptedServer) -> None:
+    refusal = json_reply({"code": "TOO_MANY_REQUESTS", "detail": "Too many."}, 429)
+    refusal.headers["Retry-After"] = "1"
+    server.script = lambda _: json_reply(scan_body()) if len(server.heard) > 2 else refusal
+    with Client(server.address) as client:
+        assert client.cancel("s").status == "queued"
+    assert len(server.heard) == 3
+
+
+def test_the_wait_is_as_long_as_the_service_says() -> None:
+    error = problem(429, {"code": "TOO_MANY_REQUESTS"}, 7.0)
+    assert isinstance(error, TooManyRequests)
+    assert worth_retrying(repeatable=False)(error) == 7.0
+    assert worth_retrying(repeatable=False)(problem(503, {}, 3.0)) == 3.0
+    assert worth_retrying(repeatable=False)(problem(404, {})) is False
