@@ -1,4 +1,7 @@
-"""Motions that several organs share (`ScanResult.structure`): all of them in one picture, drawn as modes are."""
+"""Motions that several organs share (`ScanResult.structure`): all of them in one picture, drawn as modes are.
+
+Organs move in different directions: each is coloured by its displacement along its own, with the sign of its phase.
+"""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,16 +35,16 @@ def structure_shapes(result: ScanResult) -> Figure:
 
 def drawn_structure(mode: StructureMode, organs: tuple[OrganResult, ...]) -> DrawnMode:
     """The organs of a shared motion as one drawn mode."""
-    direction = main_direction(mode.shape)
     by_name = {organ.organ: organ for organ in organs}
-    rest, lines, moved, triangles, first, corners = [], [], [], [], 0, 0
-    for name in mode.organs:
+    rest, lines, moved, signed, triangles, first, corners = [], [], [], [], [], 0, 0
+    for name, amplitude in zip(mode.organs, mode.amplitudes, strict=True):
         organ = by_name[name]
         positions = organ.displacement.sensors.positions
         skin = skin_of(positions, organ.surface, most=MOST_SENSORS // 2)
         rest.append(skin.vertices)
         lines.append(rest_lines_of(organ, skin))
         moved.append(mode.shape[first + skin.sensor])
+        signed.append(np.sign(amplitude) * (moved[-1] @ main_direction(moved[-1])))
         triangles.append(skin.triangles + corners)
         first, corners = first + len(positions), corners + len(skin.vertices)
     motion = np.concatenate(moved)
@@ -50,8 +53,8 @@ def drawn_structure(mode: StructureMode, organs: tuple[OrganResult, ...]) -> Dra
         rest=np.concatenate(rest),
         rest_lines=np.concatenate(lines),
         motion=motion,
-        signed=motion @ direction / max(float(np.abs(motion @ direction).max()), 1e-12),
-        direction=direction,
+        signed=np.concatenate(signed) / max(float(np.abs(np.concatenate(signed)).max()), 1e-12),
+        direction=main_direction(mode.shape),
         triangles=np.concatenate(triangles),
         magnification=SWING * length / max(float(np.linalg.norm(motion, axis=1).max()), 1e-12),
     )

@@ -44,6 +44,8 @@ def test_each_organ_moves_as_the_global_shape_says():
     np.testing.assert_array_equal(drawn.motion[trunk], np.tile([1.0, 0, 0], (trunk.sum(), 1)))
     np.testing.assert_array_equal(drawn.motion[~trunk], np.tile([0, 0, -0.5], ((~trunk).sum(), 1)))
     assert drawn.triangles.max() == len(drawn.rest) - 1
+    np.testing.assert_allclose(drawn.signed[trunk], 1)
+    np.testing.assert_allclose(drawn.signed[~trunk], -0.5)
     owners = trunk[drawn.triangles]
     assert (owners.all(axis=1) | ~owners.any(axis=1)).all()  # no triangle joins two organs
 
