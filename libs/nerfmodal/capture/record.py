@@ -4,13 +4,13 @@ Opening decodes nothing. A camera that has no picture of an instant is missing t
 instant's picture. The frame that is read has the cameras that saw it, and no others.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from nerfmodal.capture.pictures import Picture, PictureFile, picture_size, read_mask, read_picture
+from nerfmodal.capture.pictures import Picture, PictureFile, read_mask, read_picture
 from nerfmodal.capture.video import Films
 from nerfmodal.errors import InvalidCapture
 from nerfmodal.geometry.cameras import downscale
@@ -86,18 +86,19 @@ class Capture:
         )
 
     def check(self, told: Told) -> None:
-        """Decode every picture once, so that a broken one is known before hours are spent. Raises `InvalidCapture`."""
-        for done, (camera, one) in enumerate(self._all(), start=1):
-            self._pixels(camera, one)
-            told(done, len(self) * len(self.rig.cameras))
+        """Decode every picture file once, so that a broken one is known before hours are spent.
 
-    def _all(self) -> Iterator[tuple[Camera, Picture]]:
-        """Camera by camera, because a video is decoded in order."""
-        for column, camera in enumerate(self.rig.cameras):
-            for row in self.pictures:
-                one = row[column]
-                if one is not None:
-                    yield camera, one
+        Videos were decoded to their end when the capture was first opened. Raises `InvalidCapture`.
+        """
+        files = [
+            (camera, one)
+            for row in self.pictures
+            for camera, one in zip(self.rig.cameras, row, strict=True)
+            if isinstance(one, PictureFile)
+        ]
+        for done, (camera, one) in enumerate(files, start=1):
+            self._pixels(camera, one)
+            told(done, len(files))
 
     def _pixels(self, camera: Camera, one: Picture) -> UInt8[np.ndarray, "height width 3"]:
         pixels = read_picture(one) if isinstance(one, PictureFile) else self.films.read(one)
@@ -134,20 +135,6 @@ def checked_record(capture: Capture) -> Capture:
         rig=Rig(cameras=tuple(capture.rig.cameras[k] for k in order)),
         pictures=tuple(tuple(row[k] for k in order) for row in capture.pictures),
     )
-
-
-def check_sizes(capture: Capture) -> None:
-    """Look at the header of every picture file. Raises `InvalidCapture` for the first of another size."""
-    for row in capture.pictures:
-        for camera, one in zip(capture.rig.cameras, row, strict=True):
-            if isinstance(one, PictureFile) and picture_size(one.path) != (camera.width, camera.height):
-                width, height = picture_size(one.path)
-                raise InvalidCapture(
-                    f"has {width} x {height} pixels where its camera {camera.name!r} has "
-                    f"{camera.width} x {camera.height}.",
-                    where=str(one.path),
-                    hint="Give the intrinsics of the pictures as they are, one size for a camera.",
-                )
 
 
 def split_held_out(frame: Frame, every: int | None, rig: Rig | None = None) -> tuple[Frame, Frame | None]:

@@ -6,12 +6,22 @@ from pathlib import Path
 import numpy as np
 from nerfmodal import capture, field
 from nerfmodal.capture.record import some_views
+from nerfmodal.field.views import views_of
 from nerfmodal.spec import CaptureSource
 from nerfmodal.types import Checkpoint, Frame
 
 from tests.fixtures.formats import write_transforms
 from tests.unit.capture.test_moving import film
-from tests.unit.field.test_learning import SCENE, SETTINGS, ball_frame, center_of, cloud_of, off_the_ball, silent
+from tests.unit.field.test_learning import (
+    RADIUS,
+    SCENE,
+    SETTINGS,
+    ball_frame,
+    center_of,
+    cloud_of,
+    off_the_ball,
+    silent,
+)
 
 AMPLITUDE = 0.15
 
@@ -72,3 +82,33 @@ def test_masked_pixels_show_what_frame_0_showed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(seen.images[2, 10:60], start.images[2, 10:60])
     np.testing.assert_array_equal(seen.images[2, 60:], now.images[2, 60:])
     np.testing.assert_array_equal(seen.images[[0, 1, 3]], now.images[[0, 1, 3]])
+
+
+def test_rays_are_drawn_from_pixels_that_count(tmp_path: Path) -> None:
+    write_transforms(tmp_path, film(AMPLITUDE, 1))
+    frame = capture.open_capture(source(tmp_path)).read(0)
+    counts = np.zeros(frame.images.shape[:3], dtype=bool)
+    counts[1, 20:40, 10:15] = True
+    counts[6, 3] = True
+    drawn = views_of(replace(frame, counts=counts)).drawn(4000, np.random.default_rng(0))
+    hits = np.bincount(drawn, minlength=counts.size).reshape(counts.shape)
+    assert hits[~counts].sum() == 0
+    assert np.abs(hits[counts] - 4000 / counts.sum()).max() < 6 * np.sqrt(4000 / counts.sum())
+    whole = views_of(frame).drawn(100, np.random.default_rng(3))
+    np.testing.assert_array_equal(whole, np.random.default_rng(3).integers(0, counts.size, 100))
+
+
+def test_what_a_mask_hides_leaves_no_trace() -> None:
+    """Something large stands before one camera, masked: the ball comes out as without it."""
+    center = np.array([0.0, 0.0, 0.75])
+    frame = ball_frame(0, center)
+    images, counts = frame.images.copy(), np.ones(frame.images.shape[:3], dtype=bool)
+    images[4, 10:50, 10:50], counts[4, 10:50, 10:50] = [255, 0, 255], False
+    masked = replace(frame, images=images, counts=counts)
+    trained = field.fit(SCENE, SETTINGS, masked, None, 0, silent)
+    cloud = cloud_of(trained, masked)
+    near = off_the_ball(cloud, center) < 0.03
+    painted = 0.5 + 0.4 * np.sin(6 * (cloud.points[near] - center) / RADIUS)
+    assert np.median(off_the_ball(cloud, center)) < 0.02
+    assert np.median(np.abs(cloud.colors[near] - painted)) < 0.1
+    assert np.quantile(off_the_ball(cloud, center), 0.9) < 0.08
