@@ -14,6 +14,7 @@ from jaxtyping import Float, Int, UInt8
 from nerfmodal.field import kernels, marching
 from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine, seen_blocks, with_masks
 from nerfmodal.field.course import Course
+from nerfmodal.field.device import gpu
 from nerfmodal.field.views import CELL, Views, pixels_at
 
 OUTER_BRICKS = 12
@@ -145,8 +146,27 @@ def train(
     Returns for every block of every brick the largest weight that a sample in it had in the second half.
     Without `backgrounds` what lies beyond the region is trained too.
     """
-    optimiser = Optimiser(len(field.values), 64 * len(field.bricks.masks))
     where = field.bricks.masks if trainable is None else trainable
+    if (device := gpu()) is not None:
+        from nerfmodal.field import grid_gpu
+
+        course.turn()
+        return grid_gpu.train(
+            field,
+            views,
+            backgrounds,
+            draw,
+            iterations,
+            rng,
+            course,
+            rates=rates,
+            trainable=where,
+            decay=decay,
+            distortion=distortion,
+            limit=limit,
+            device=device,
+        )
+    optimiser = Optimiser(len(field.values), 64 * len(field.bricks.masks))
     outside = views.images if backgrounds is None else backgrounds
     course.turn()
     for iteration in range(iterations):
@@ -212,6 +232,10 @@ def render(
     field: GridField, views: Views, pixels: Int[np.ndarray, "rays 3"], *, behind: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Colour in front (rays, 3), transmittance (rays,), colour behind (rays, 3), distance and spread (rays,) m."""
+    if (device := gpu()) is not None:
+        from nerfmodal.field import grid_gpu
+
+        return grid_gpu.look(field, views, pixels, behind=behind, device=device)
     return kernels.render_pixels(
         field.bricks.slots,
         field.bricks.masks,

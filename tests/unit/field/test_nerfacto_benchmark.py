@@ -10,7 +10,7 @@ from nerfmodal.spec import CloudsSource, ScanSpec
 from nerfmodal.types import Camera, Frame, Rig
 from PIL import Image
 
-from benchmarks.nerfacto import Moment, Task, compared_pixels, speed_up, time_to_reach, write_capture
+from benchmarks.nerfacto import Moment, Task, compared_pixels, read_moments, speed_up, time_to_reach, write_capture
 
 
 def curve(*points: tuple[float, float]) -> list[Moment]:
@@ -103,3 +103,11 @@ def some(frame: Frame, chosen: range) -> Frame:
         images=frame.images[chosen.start : chosen.stop],
         rig=Rig(cameras=frame.rig.cameras[chosen.start : chosen.stop]),
     )
+
+
+def test_a_run_that_goes_on_from_an_earlier_state_replaces_what_was_lost(tmp_path):
+    log = tmp_path / "moments.jsonl"
+    told = [(1, 10.0), (2, 11.0), (4, 12.0), (3, 11.5), (5, 13.0)]
+    lines = [json.dumps({"seconds": seconds, "psnr": psnr, "rays": 7, "steps": 1}) for seconds, psnr in told]
+    log.write_text("\n".join(["Caching all 3 images.", *lines]))
+    assert read_moments(log) == [Moment(seconds=s, psnr=p, rays=7) for s, p in ((1, 10), (2, 11), (3, 11.5), (5, 13))]
