@@ -1,6 +1,7 @@
 # make demo   a simulated plant through the whole service, a table of modes at the end
 # make test   every test
 # make check  style, types, import contracts
+# make audit  known holes in what is installed, a list of licences
 # make bench  what is timed, each with its floor and its aim
 # make docs   write docs/reference from the code
 # make nerfstudio  an environment of its own for what the reconstruction is compared with (benchmarks.nerfacto)
@@ -14,9 +15,10 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+BINDING := GPL-2.0;GPL-2.0-only;GPL-2.0-or-later;GPL-3.0;GPL-3.0-only;GPL-3.0-or-later;AGPL-3.0;AGPL-3.0-only;AGPL-3.0-or-later;GNU General Public License v3 (GPLv3);GNU General Public License v2 (GPLv2)
 EXTRAS := vision,simulate,capture,postgres,dev
 
-.PHONY: demo test check bench docs nerfstudio clean install
+.PHONY: demo test check audit bench docs nerfstudio clean install
 .DEFAULT_GOAL := help
 
 .PHONY: help
@@ -38,6 +40,13 @@ check: install
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@$(BIN)/pip-licenses --ignore-packages bpy --fail-on '$(BINDING)' > /dev/null
+
+# Known holes in what is installed (asks the package index), and every licence.
+audit: install
+	$(BIN)/pip-audit --skip-editable --progress-spinner off
+	@mkdir -p out
+	$(BIN)/pip-licenses --order=license --format=markdown --output-file=out/licences.md
 
 bench: install
 	@for name in $$(grep -l '__main__' benchmarks/*.py | grep -v _runner | xargs -n 1 basename -s .py); do \
