@@ -89,8 +89,10 @@ def _predicted(times: np.ndarray, fit: SinusoidFit, local: np.ndarray) -> np.nda
 
 def _amplitudes(record: Record, fit: SinusoidFit) -> np.ndarray:
     """Largest first amplitude of each line anywhere on the organ, metres."""
-    real, imaginary = (record.axes.lift(part) for part in (fit.amplitudes.T.real, fit.amplitudes.T.imag))
-    return np.sqrt((real**2 + imaginary**2).max(axis=0))
+    parts = record.axes.lift(np.hstack([fit.amplitudes.T.real, fit.amplitudes.T.imag]))
+    np.square(parts, out=parts)
+    modes = len(fit.amplitudes)
+    return np.sqrt(np.array([(parts[:, mode] + parts[:, modes + mode]).max() for mode in range(modes)]))
 
 
 def _residual_sizes(fit: SinusoidFit, local: np.ndarray) -> np.ndarray:

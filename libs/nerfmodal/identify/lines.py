@@ -12,7 +12,7 @@ GRID_HZ = 0.08
 GRID_DAMPING = (0.0, 0.02, 0.05, 0.10)
 SHUFFLES = 600
 """With alpha = 0.002 a line is kept only if it beats every shuffle."""
-BATCH = 40
+BATCH = 10
 OBVIOUS = 2.0
 """Times the best of the first batch of shuffles: such a line needs no more of them."""
 SEEN_ALREADY = 1e-3
@@ -50,21 +50,36 @@ def damped_columns(
 ) -> Float[np.ndarray, "frames columns"]:
     """A constant, then a damped cosine and sine for every line."""
     elapsed = times - times[0]
-    columns = [np.ones_like(elapsed)]
-    for frequency, ratio in lines:
-        columns += list(_pair(elapsed, frequency, ratio))
-    return np.stack(columns, axis=1)
+    columns = np.empty((1 + 2 * len(lines), len(elapsed)))
+    columns[0] = 1.0
+    for place, (frequency, ratio) in enumerate(lines):
+        columns[1 + 2 * place], columns[2 + 2 * place] = _pair(elapsed, frequency, ratio)
+    return columns.T
 
 
 def column_derivatives(
     times: Float[np.ndarray, " frames"], lines: Float[np.ndarray, "modes 2"], parameter: int
 ) -> list[Float[np.ndarray, "frames 2"]]:
     """Derivatives of each line's cosine and sine by its frequency (`parameter` 0, per Hz) or damping ratio (1)."""
-    elapsed = times - times[0]
+    pairs = damped_columns(times, lines)[:, 1:]
     return [
-        _by_frequency(elapsed, frequency, ratio) if parameter == 0 else _by_damping(elapsed, frequency, ratio)
-        for frequency, ratio in lines
+        _slopes(times - times[0], pairs[:, 2 * place], pairs[:, 2 * place + 1], line)[parameter]
+        for place, line in enumerate(lines)
     ]
+
+
+def all_slopes(
+    times: Float[np.ndarray, " frames"],
+    columns: Float[np.ndarray, "frames columns"],
+    lines: Float[np.ndarray, "modes 2"],
+) -> Float[np.ndarray, "frames slopes"]:
+    """`column_derivatives` of all lines side by side, by frequency and then by damping, from the columns themselves."""
+    elapsed, modes = times - times[0], len(lines)
+    slopes = np.empty((len(elapsed), 4 * modes), order="F")
+    for place, line in enumerate(lines):
+        both = _slopes(elapsed, columns[:, 1 + 2 * place], columns[:, 2 + 2 * place], line)
+        slopes[:, 2 * place : 2 * place + 2], slopes[:, 2 * (modes + place) : 2 * (modes + place) + 2] = both
+    return slopes
 
 
 def find_line(
@@ -109,18 +124,18 @@ def _pair(elapsed: np.ndarray, frequency: float, ratio: float) -> tuple[np.ndarr
     return envelope * np.cos(angle), envelope * np.sin(angle)
 
 
-def _by_frequency(elapsed: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
-    cosine, sine = _pair(elapsed, frequency, ratio)
-    slope = np.sqrt(1 - ratio**2)
-    turn = 2 * np.pi * elapsed
-    return np.stack([turn * (-ratio * cosine - slope * sine), turn * (-ratio * sine + slope * cosine)], axis=1)
-
-
-def _by_damping(elapsed: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
-    cosine, sine = _pair(elapsed, frequency, ratio)
-    slope = ratio / np.sqrt(1 - ratio**2)
-    turn = 2 * np.pi * frequency * elapsed
-    return np.stack([turn * (-cosine + slope * sine), turn * (-sine - slope * cosine)], axis=1)
+def _slopes(
+    elapsed: np.ndarray, cosine: np.ndarray, sine: np.ndarray, line: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of a line's cosine and sine by its frequency and by its damping ratio."""
+    frequency, ratio = line
+    root = np.sqrt(1 - ratio**2)
+    by_frequency = (
+        2 * np.pi * elapsed[:, None] * np.stack([-ratio * cosine - root * sine, root * cosine - ratio * sine], 1)
+    )
+    turn = 2 * np.pi * frequency * elapsed[:, None]
+    slope = ratio / root
+    return by_frequency, turn * np.stack([slope * sine - cosine, -sine - slope * cosine], 1)
 
 
 def _new_directions(grid: Grid, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

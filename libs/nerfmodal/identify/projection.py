@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy import linalg
 
-from nerfmodal.identify.lines import column_derivatives, damped_columns
+from nerfmodal.identify.lines import all_slopes, damped_columns
 
 MOST_STEPS = 60
-SETTLED = 1e-10
+SETTLED = 1e-7
 """Relative fall of the cost at which the fit has settled."""
 FIRST_DAMPING = 1e-3
 LARGEST_DAMPING = 1e8
+SINGULAR = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,17 +60,26 @@ def refine(
 
 def _linearise(times: np.ndarray, white: np.ndarray, lines: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Cost, JᵀJ and the descent direction Jᵀr at `lines`."""
-    orthogonal, triangle = np.linalg.qr(damped_columns(times, lines))
+    columns = damped_columns(times, lines)
+    orthogonal, triangle = np.linalg.qr(columns)
     projected = orthogonal.T @ white
     residuals = white - orthogonal @ projected
-    amplitudes = np.linalg.lstsq(triangle, projected, rcond=None)[0]
-    slopes = np.hstack([each for parameter in (0, 1) for each in column_derivatives(times, lines, parameter)])
+    amplitudes = _solve_triangle(triangle, projected)
+    slopes = all_slopes(times, columns, lines)
     slopes = slopes - orthogonal @ (orthogonal.T @ slopes)  # Kaufman: what the columns' slopes add to the columns
     pairs = np.vstack([amplitudes[1:], amplitudes[1:]])
     # column p of the Jacobian is slopes_p @ pair_p, frames x channels: its products need neither frames nor channels
     normal = _sum_pairs((slopes.T @ slopes) * (pairs @ pairs.T))
     gradient = ((slopes.T @ residuals) * pairs).sum(axis=1).reshape(-1, 2).sum(axis=1)
     return float((residuals**2).sum()), normal, gradient
+
+
+def _solve_triangle(triangle: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Amplitudes; two lines that have become one leave the triangle singular, and share theirs."""
+    sizes = np.abs(np.diag(triangle))
+    if sizes.min() > SINGULAR * sizes.max():
+        return np.asarray(linalg.solve_triangular(triangle, right, check_finite=False))
+    return np.asarray(np.linalg.lstsq(triangle, right, rcond=None)[0])
 
 
 def _sum_pairs(products: np.ndarray) -> np.ndarray:

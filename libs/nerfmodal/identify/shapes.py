@@ -23,8 +23,8 @@ def unit_max(
     shapes: Float[np.ndarray, "dofs modes"],
 ) -> tuple[Float[np.ndarray, "dofs modes"], Float[np.ndarray, " modes"]]:
     """Shapes whose largest element is +1, and the factors they were divided by."""
-    largest = np.argmax(np.abs(shapes), axis=0)
-    factors = shapes[largest, np.arange(shapes.shape[1])]
+    highest, lowest = shapes.max(axis=0), shapes.min(axis=0)
+    factors = np.where(highest >= -lowest, highest, lowest)
     factors = np.where(factors == 0, 1.0, factors)
     return shapes / factors, factors
 
