@@ -4,6 +4,10 @@ J. Schönberger and J.-M. Frahm, "Structure-from-motion revisited", CVPR 2016. T
 no up: it is turned so that +z is the mean of the pictures' up, with its origin where the optical axes meet.
 """
 
+import importlib.util
+import json
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +28,6 @@ LEAST_REGISTERED = 0.8
 """Share of the cameras that must be solved: a rig with holes measures with holes."""
 WORST_ERROR_PX = 2.0
 """Mean reprojection error above which poses are not believed."""
-LARGEST_SIDE = 2000
-FEWEST_MATCHES = 15
-SEED = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,18 +56,19 @@ def solve(
     MissingExtra
         Without pycolmap.
     """
-    colmap = _import_pycolmap()
+    if importlib.util.find_spec("pycolmap") is None:
+        raise MissingExtra("pycolmap", "capture")
     with tempfile.TemporaryDirectory(prefix="nerfmodal-solve-") as folder:
         below = Path(folder)
         for name, picture in pictures.items():
             (below / "images").mkdir(exist_ok=True)
             (below / "images" / f"{name}.png").write_bytes(encode_png(picture))
-        model = _largest_model(colmap, below, one_lens=one_lens, told=told)
-        if model is None:
+        _run(below, one_lens=one_lens, told=told, where=where)
+        if not (below / "solution.json").is_file():
             raise _refusal(tuple(pictures), pictures, where, "no two pictures show enough of the same")
-        model.write_text(str(below))
         cameras = tuple(replace(one, name=one.name.removesuffix(".png")) for one in read_model(below))
-        error, points = float(model.compute_mean_reprojection_error()), int(model.num_points3D())
+        figures = json.loads((below / "solution.json").read_text())
+    error, points = float(figures["error_px"]), int(figures["points"])
     solved = {one.name for one in cameras}
     unsolved = tuple(name for name in pictures if name not in solved)
     if len(cameras) < max(FEWEST_CAMERAS, LEAST_REGISTERED * len(pictures)):
@@ -89,35 +91,27 @@ def moved(cameras: Sequence[Camera], scale: float, rotation: np.ndarray, shift: 
     return tuple(poses)
 
 
-def _largest_model(colmap: Any, below: Path, *, one_lens: bool, told: Callable[[str], None]) -> Any:
-    database = below / "database.db"
-    colmap.logging.minloglevel = int(colmap.logging.ERROR.value)
-    colmap.set_random_seed(SEED)
-    told("finding features")
-    reader = colmap.ImageReaderOptions()
-    reader.camera_model = "OPENCV" if one_lens else "SIMPLE_RADIAL"
-    extraction = colmap.FeatureExtractionOptions()
-    extraction.max_image_size = LARGEST_SIDE
-    extraction.use_gpu = False
-    colmap.extract_features(
-        database,
-        below / "images",
-        camera_mode=colmap.CameraMode.SINGLE if one_lens else colmap.CameraMode.PER_IMAGE,
-        reader_options=reader,
-        extraction_options=extraction,
-        device=colmap.Device.cpu,
-    )
-    told("matching every pair")
-    matching = colmap.FeatureMatchingOptions()
-    matching.use_gpu = False
-    colmap.match_exhaustive(database, matching_options=matching, device=colmap.Device.cpu)
-    told("solving")
-    (below / "models").mkdir()
-    options = colmap.IncrementalPipelineOptions()
-    options.min_num_matches = FEWEST_MATCHES
-    options.random_seed = SEED
-    models = colmap.incremental_mapping(database, below / "images", below / "models", options)
-    return max(models.values(), key=lambda one: one.num_reg_images(), default=None)
+def _run(below: Path, *, one_lens: bool, told: Callable[[str], None], where: str) -> None:
+    """Let COLMAP solve `below` in a process of its own; whatever `told` raises ends it."""
+    command = [sys.executable, "-m", "nerfmodal.capture.structure", str(below), *(["--one-lens"] if one_lens else [])]
+    log = below / "log.txt"
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+    ):
+        try:
+            for line in process.stdout or ():
+                told(line.strip())
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        lines = log.read_text().strip().splitlines()
+        raise InvalidCapture(
+            f"COLMAP ended with code {child.returncode} ({lines[-1] if lines else 'no word'}).",
+            where=where,
+            hint="Try again with smaller pictures, or give the poses.",
+        )
 
 
 def _upright(cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
@@ -146,11 +140,3 @@ def _refusal(unsolved: Sequence[str], pictures: Mapping[str, Any], where: str, r
         hint="Neighbours must see the same textured things from less than about 25 degrees apart: add cameras between, "
         "put patterned cloth or newspaper into the scene, or give the poses (transforms.json, rig.json, COLMAP).",
     )
-
-
-def _import_pycolmap() -> Any:
-    try:
-        import pycolmap
-    except ImportError as missing:
-        raise MissingExtra("pycolmap", "capture") from missing
-    return pycolmap

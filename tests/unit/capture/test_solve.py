@@ -96,6 +96,17 @@ def test_pictures_of_nothing_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_who_is_told_can_stop_it(tmp_path: Path) -> None:
+    for k in range(3):
+        (tmp_path / f"cam{k}.png").write_bytes(encode_png(np.full((60, 80, 3), 30 * k, np.uint8)))
+
+    def stop(what: str) -> None:
+        raise KeyboardInterrupt(what)
+
+    with pytest.raises(KeyboardInterrupt, match="finding features"):
+        open_capture(CaptureSource(kind="capture", path=str(tmp_path)), tmp_path / "out", stop)
+
+
 def test_a_world_is_turned_to_its_up() -> None:
     for up in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [1.0, 0.0, 0.0]):
         turn = turn_to_z(np.array(up))
