@@ -49,7 +49,7 @@ def test_make_targets_that_are_named_exist(page: Path):
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_commands_that_are_named_exist(page: Path, commands: set[str]):
-    pattern = r"(?:`|^|\s)nerfmodal ([a-z][a-z-]+)(?: ([a-z][a-z-]+))?"
+    pattern = r"(?<!-n)(?:`|^|\s)nerfmodal ([a-z][a-z-]+)(?: ([a-z][a-z-]+))?"
     groups = {command.split()[0] for command in commands if " " in command}
     words = re.findall(pattern, code_of(page.read_text()), flags=re.MULTILINE)
     named = {f"{first} {second}" if first in groups and second else first for first, second in words}
