@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+from benchmarks.battery import battery_rows
 from benchmarks.cases import case_rows
 from benchmarks.limits import ambient_rows, bound_rows, coverage_rows, drift_rows, patch_rows
 from benchmarks.rows import Row
@@ -28,6 +29,7 @@ GROUPS: dict[str, Callable[[int], Iterator[Row]]] = {
     "drift": drift_rows,
     "speed": speed_rows,
     "wide": wide_rows,
+    "battery": battery_rows,
     **{case: partial(case_rows, case) for case in CASES},
 }
 
