@@ -4,6 +4,7 @@ Each stage takes values and returns values; the worker's tasks load, call one of
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import assert_never
@@ -125,7 +126,7 @@ def fine_tune(
 def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Report) -> PointCloud:
     """The point cloud of a trained frame (eq 10). Always ends; see its `outcome`."""
     scene = _scene(spec, frame)
-    return cloud.extract(
+    points = cloud.extract(
         field.looker(checkpoint, frame),
         frame,
         scene.low,
@@ -136,6 +137,7 @@ def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Rep
         rng=np.random.default_rng([spec.seed, frame.index]),
         report=lambda done, total: report(_step(done, total)),
     )
+    return replace(points, device=checkpoint.device)
 
 
 def read_clouds(spec: ScanSpec) -> Iterator[PointCloud]:
@@ -164,6 +166,12 @@ def read_all(record: io.CloudSequence, *, report: Report) -> list[PointCloud]:
     for index in range(len(record)):
         report(Progress(done=index, total=len(record), message=f"reading {record.names[index]}"))
         clouds.append(record.read(index))
+    if not any(len(one.points) for one in clouds):
+        raise InvalidClouds(
+            f"holds no points: all {len(clouds)} clouds are empty.",
+            where=str(record.path),
+            hint="Check what wrote the clouds.",
+        )
     return clouds
 
 
@@ -195,7 +203,7 @@ def identify(
             package_version=__version__,
             spec_digest=spec.digest(),
             seed=spec.seed,
-            device="cpu",
+            device=" + ".join(sorted({one.device for one in clouds if one is not None and one.device})) or "cpu",
             started=started,
             finished=_now(),
         ),

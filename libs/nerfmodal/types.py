@@ -105,6 +105,8 @@ class Checkpoint:
     state: dict[str, np.ndarray]
     psnr: float
     held_out_psnr: float | None = None
+    device: str = ""
+    """What it was trained on, and the precision of products there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +117,8 @@ class PointCloud:
     colors: Float[np.ndarray, "points 3"]
     time: float
     outcome: Outcome = Outcome.OK
+    device: str = ""
+    """What its field was trained on; empty for clouds of other sensors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -87,9 +87,11 @@ class Place:
         half = torch.from_numpy(self.field.half).to(self.device)
         center = torch.from_numpy(self.field.bricks.low + self.field.half).to(self.device)
         cells = self.field.outer.shape[0] * 8 - 1
-        t, rays, places = starts, [], []
-        active = torch.arange(len(starts), device=self.device)
-        first, distances, last = True, [], []
+        rays: list[Tensor] = []
+        places: list[Tensor] = []
+        distances: list[Tensor] = []
+        last: list[Tensor] = []
+        t, active, first = starts, torch.arange(len(starts), device=self.device), True
         while len(active) and len(rays) < MAX_SAMPLES:
             scaled = (origins[active] + directions[active] * t[:, None] - center) / half
             r = scaled.abs().amax(dim=1).clamp(min=1.0)
@@ -148,8 +150,9 @@ class Place:
 def show(values: Float[Tensor, "rows 4"], samples: Samples, before: Float[Tensor, " rays"], *, ends: bool) -> Shown:
     """Composite samples (eq 3) of rays that have `before` of their light left; `ends`: the last sample is opaque."""
     padded = torch.cat([values, values.new_tensor([[float(EMPTY_RAW), 0.0, 0.0, 0.0]])])  # row -1: no such vertex
-    raw, colors = (padded[samples.rows] * samples.shares[..., None]).sum(dim=1).split([1, 3], dim=-1)
-    thickness = torch.nn.functional.softplus(raw[:, 0]) * samples.delta
+    mixed = (padded[samples.rows] * samples.shares[..., None]).sum(dim=1)
+    raw, colors = mixed[:, 0], mixed[:, 1:]
+    thickness = torch.nn.functional.softplus(raw) * samples.delta
     rays = len(before)
     transmittance = before[samples.ray] * torch.exp(-_sum_before(thickness, samples.ray, rays))  # eq 3: T_i
     kept = (transmittance.detach() >= OPAQUE).float()
@@ -160,7 +163,7 @@ def show(values: Float[Tensor, "rows 4"], samples: Samples, before: Float[Tensor
         weights = torch.where(is_last, transmittance * kept, weights)
     shown = torch.zeros(rays, 3, device=values.device).index_add(0, samples.ray, weights[:, None] * colors)  # eq 3
     spent = torch.zeros(rays, device=values.device).index_add(0, samples.ray, thickness * kept)
-    return Shown(weights=weights, raw=raw[:, 0], colors=shown, left=before * torch.exp(-spent))
+    return Shown(weights=weights, raw=raw, colors=shown, left=before * torch.exp(-spent))
 
 
 def pulls_of(samples: Samples, weights: Float[Tensor, " samples"], rays: int) -> Float[Tensor, " samples"]:

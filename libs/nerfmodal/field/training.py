@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from nerfmodal.field import grid, grid_training
 from nerfmodal.field.course import Course, Told, psnr
+from nerfmodal.field.device import described
 from nerfmodal.field.views import Views, views_of
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.spec import ReconstructionSpec
@@ -72,6 +73,7 @@ def fit(
         parent=None,
         state=state,
         psnr=psnr(course.loss),
+        device=", ".join(described()),
     )
     return checkpoint if held_out is None else _measured(checkpoint, held_out)
 
@@ -113,6 +115,7 @@ def fine_tune(
         state=state,
         psnr=psnr(course.loss) if course.done else parent.psnr,
         held_out_psnr=parent.held_out_psnr,
+        device=", ".join(described()),
     )
 
 

@@ -20,6 +20,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         "parent": "" if checkpoint.parent is None else str(checkpoint.parent),
         "psnr": repr(checkpoint.psnr),
         "held_out_psnr": "" if checkpoint.held_out_psnr is None else repr(checkpoint.held_out_psnr),
+        "device": checkpoint.device,
     }
     with atomic_write(path) as temporary:
         save_file(checkpoint.state, temporary, metadata=metadata)
@@ -44,4 +45,5 @@ def read_checkpoint(path: Path) -> Checkpoint:
         state=state,
         psnr=float(metadata["psnr"]),
         held_out_psnr=float(metadata["held_out_psnr"]) if metadata["held_out_psnr"] else None,
+        device=metadata.get("device", ""),
     )

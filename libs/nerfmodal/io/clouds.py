@@ -13,6 +13,7 @@ from nerfmodal.types import Outcome, PointCloud
 
 HEADER_BYTES = 4000
 COMMENT = re.compile(rb"comment nerfmodal time_s (\S+) outcome (\S+)")
+DEVICE = re.compile(rb"^comment nerfmodal device (.*)$", re.MULTILINE)
 COUNT = re.compile(rb"element vertex (\d+)")
 
 
@@ -25,10 +26,12 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
     vertices["rgb"] = np.round(np.clip(cloud.colors, 0, 1) * 255)
     properties = [f"property double {axis}" for axis in "xyz"]
     properties += [f"property uchar {color}" for color in ("red", "green", "blue")]
+    device = [f"comment nerfmodal device {cloud.device}"] if cloud.device else []
     header = [
         "ply",
         "format binary_little_endian 1.0",
         f"comment nerfmodal time_s {cloud.time!r} outcome {cloud.outcome.name}",
+        *device,
         f"element vertex {len(vertices)}",
         *properties,
         "end_header",
@@ -65,12 +68,13 @@ def read_cloud(path: Path, *, time: float | None = None, scale: float = 1.0) -> 
         raise InvalidClouds(
             f"ends early: {len(points)} of {_count(header)} points.", where=str(path), hint="Export the cloud again."
         )
-    comment = COMMENT.search(header)
+    comment, device = COMMENT.search(header), DEVICE.search(header)
     return PointCloud(
         points=checked(points, str(path)),
         colors=_colors(loaded, len(points)),
         time=time if time is not None else float(comment[1]) if comment else 0.0,
         outcome=Outcome[comment[2].decode()] if comment else Outcome.OK,
+        device=device[1].decode().strip() if device else "",
     )
 
 

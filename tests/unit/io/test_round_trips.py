@@ -87,6 +87,9 @@ def a_result(rng: np.random.Generator) -> ScanResult:
     )
 
 
+DEVICE = "cuda (a GPU), mixed float16"
+
+
 def test_a_result_survives(tmp_path: Path, rng: np.random.Generator) -> None:
     result = a_result(rng)
     io.write_result(tmp_path / "result.npz", result)
@@ -125,10 +128,10 @@ def test_a_broken_frame_is_named(tmp_path: Path) -> None:
 
 def test_a_checkpoint_survives(tmp_path: Path, rng: np.random.Generator) -> None:
     state = {"weights": rng.normal(size=(3, 2)).astype(np.float32)}
-    checkpoint = Checkpoint(field="grid", frame_index=4, step=60, parent=0, state=state, psnr=30.25)
+    checkpoint = Checkpoint(field="grid", frame_index=4, step=60, parent=0, state=state, psnr=30.25, device=DEVICE)
     io.write_checkpoint(tmp_path / "c.safetensors", checkpoint)
     back = io.read_checkpoint(tmp_path / "c.safetensors")
-    assert (back.parent, back.psnr, back.held_out_psnr, back.step) == (0, 30.25, None, 60)
+    assert (back.parent, back.psnr, back.held_out_psnr, back.step, back.device) == (0, 30.25, None, 60, DEVICE)
     np.testing.assert_array_equal(back.state["weights"], state["weights"])
 
 
@@ -140,10 +143,12 @@ def test_no_checkpoint_is_no_checkpoint(tmp_path: Path) -> None:
 
 def test_a_cloud_survives(tmp_path: Path, rng: np.random.Generator) -> None:
     colors = rng.integers(0, 256, size=(9, 3)) / 255
-    cloud = PointCloud(points=rng.normal(size=(9, 3)), colors=colors, time=1 / 3, outcome=Outcome.FEW_POINTS)
+    cloud = PointCloud(
+        points=rng.normal(size=(9, 3)), colors=colors, time=1 / 3, outcome=Outcome.FEW_POINTS, device=DEVICE
+    )
     io.write_cloud(tmp_path / "frame_0000.ply", cloud)
     back = io.read_cloud(tmp_path / "frame_0000.ply")
-    assert (back.time, back.outcome) == (1 / 3, Outcome.FEW_POINTS)
+    assert (back.time, back.outcome, back.device) == (1 / 3, Outcome.FEW_POINTS, DEVICE)
     np.testing.assert_array_equal(back.points, cloud.points)
     np.testing.assert_allclose(back.colors, colors, atol=1e-12)
 
