@@ -155,21 +155,25 @@ def theirs(python: Path, task: Task, setting: Setting) -> list[Moment]:
     folder = OUT / "nerfacto" / f"{task.name}_{setting.rays}x{setting.threads}"
     write_capture(task, folder)
     log = folder / "moments.jsonl"
-    known = _moments(log)
+    known = read_moments(log)
     if not known or known[-1].seconds < setting.seconds:
         command = [python, RUNNER, folder, "--state", folder / "state.pt", "--seconds", setting.seconds]
         command += ["--rays", setting.rays, "--threads", setting.threads]
         environment = os.environ | {"OMP_NUM_THREADS": f"{setting.threads}"}
         with log.open("a") as lines, (folder / "nerfstudio.log").open("a") as said:
             subprocess.run([str(part) for part in command], stdout=lines, stderr=said, env=environment, check=True)
-    return [moment for moment in _moments(log) if moment.seconds <= LATE * setting.seconds]
+    return [moment for moment in read_moments(log) if moment.seconds <= LATE * setting.seconds]
 
 
-def _moments(log: Path) -> list[Moment]:
-    """The runner's lines; what nerfstudio itself prints is passed over."""
+def read_moments(log: Path) -> list[Moment]:
+    """The runner's lines; what nerfstudio itself prints is passed over, and what a stopped run lost again."""
     lines = log.read_text().splitlines() if log.exists() else []
-    told = [json.loads(line) for line in lines if line.startswith("{")]
-    return [Moment(seconds=one["seconds"], psnr=one["psnr"], rays=one["rays"]) for one in told]
+    moments: list[Moment] = []
+    for one in (json.loads(line) for line in lines if line.startswith("{")):
+        while moments and moments[-1].seconds >= one["seconds"]:
+            moments.pop()
+        moments.append(Moment(seconds=one["seconds"], psnr=one["psnr"], rays=one["rays"]))
+    return moments
 
 
 def ours(task: Task, target: float) -> list[Moment]:

@@ -141,8 +141,8 @@ def train(trainer, seconds: float, pixels: torch.Tensor, state: Path | None) -> 
             due = GROWTH * spent
             psnr = held_out_psnr(trainer, pixels)
             print(json.dumps({"seconds": spent, "steps": steps, "rays": steps * rays, "psnr": psnr}), flush=True)
-    if state is not None:
-        keep(trainer, state, steps, spent)
+            if state is not None:
+                keep(trainer, state, steps, spent)
 
 
 def main() -> None:
