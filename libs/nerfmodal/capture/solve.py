@@ -108,7 +108,7 @@ def _run(below: Path, *, one_lens: bool, told: Callable[[str], None], where: str
     if process.returncode:
         lines = log.read_text().strip().splitlines()
         raise InvalidCapture(
-            f"COLMAP ended with code {child.returncode} ({lines[-1] if lines else 'no word'}).",
+            f"COLMAP ended with code {process.returncode} ({lines[-1] if lines else 'no word'}).",
             where=where,
             hint="Try again with smaller pictures, or give the poses.",
         )
