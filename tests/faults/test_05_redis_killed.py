@@ -16,7 +16,7 @@ def test_redis_killed_and_restarted_empty_is_only_delay(served: Settings, redis:
     """Promises (a) and (g): POST answers at once all the while, and what was posted runs afterwards.
 
     Guards: the API never publishes (the `ready` row is the outbox); messages that were lost are sent again.
-    Seen to fail: with a publish in `submit` the POST takes seconds and is answered with 500; with `unclaimed_steps`
+    Seen to fail: with a publish in `submit` the POST fails because the connection is refused; with `unclaimed_steps`
     returning nothing the scans never end.
     """
     with looking_at(served) as service, worker_process(served), api(served) as client:

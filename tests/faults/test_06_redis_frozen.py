@@ -20,7 +20,7 @@ def test_frozen_redis_holds_up_nothing_but_messages(served: Settings, redis: Red
     """No request takes two seconds; a running step keeps its lease, and is cancelled within five seconds.
 
     Guards: the API never publishes; the worker's publishing has time limits (`queue._transport_options`).
-    Seen to fail: with a publish in `submit` the POST is answered after five seconds, with 500; without the limits the
+    Seen to fail: with a publish in `submit` the POST fails after five seconds; without the limits the
     ticker hangs in its first message, and the worker is taken for dead.
     """
     slower = served.model_copy(update={"lease_s": 9.0})

@@ -37,7 +37,7 @@ def test_messages_heard_three_times_are_computed_once(settings: Settings, monkey
 
     Guard: only a `sent` step can be claimed, by a move that names the state it starts from (`leases.claim`).
     Seen to fail: with the look at the state removed from `claim` and `is_sent`, and running → running allowed in the
-    table of moves, steps are claimed again while they compute and end with tokens of two and three.
+    table of moves, steps are claimed again while they compute, and fsck finds their first attempts without an end.
     """
     monkeypatch.setattr(ticker, "publish", Echo())
     with serving(settings) as service:

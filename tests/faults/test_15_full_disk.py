@@ -1,4 +1,4 @@
-"""A disk that runs full under a running scan, and is freed again. Needs the right to mount a tmpfs."""
+"""Fault 15: a disk that runs full under a running scan, and is freed again. Needs the right to mount a tmpfs."""
 
 import subprocess
 import time
@@ -39,7 +39,12 @@ def fill(folder: Path) -> Path:
 
 @pytest.mark.parametrize("full_s", [1.0, 6.0], ids=["shorter than the lease", "longer than the lease"])
 def test_full_disk_corrupts_nothing_and_the_scan_goes_on_when_it_is_freed(small_disk: Path, full_s: float) -> None:
-    """Database, files and artifacts on one full disk: nothing can be written down, and all is well afterwards."""
+    """Promise (i). Database, files and artifacts on one full disk: nothing can be written down, and all is well
+    afterwards.
+
+    Guard: a tick that fails is tried again (`Ticker._run`). Seen to fail: with `_run` letting errors out, the ticker dies
+    with the first beat that cannot be written, and the scan never ends.
+    """
     fill_in_mid_scan(toy_settings(small_disk), small_disk, full_s)
 
 

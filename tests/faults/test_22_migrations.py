@@ -59,8 +59,8 @@ def test_data_survives_upgrades_that_are_killed(url: str) -> None:
     """Rows of the first revision are there, with their values, after upgrades killed at every few statements.
 
     Guard: each revision is one transaction (`migrations/env.py`, `store._begin_on_sqlite`).
-    Seen to fail: with every statement committed at once (isolation level AUTOCOMMIT in `env.migrate`) the next upgrade
-    finds tables that are there already.
+    Seen to fail: with every statement committed at once (`transactional_ddl=False`, and AUTOCOMMIT on PostgreSQL, no
+    BEGIN on SQLite) the next upgrade fails at what is there already.
     """
     upgrade(url, "0001")
     store = open_store(url)
@@ -81,8 +81,8 @@ def test_data_survives_upgrades_that_are_killed(url: str) -> None:
 
 
 def test_up_down_and_up_again_with_data(url: str) -> None:
-    """Guard: every revision undoes what it does. Seen to fail: with an empty `downgrade` in the newest revision the
-    second way up finds its tables there.
+    """Guard: every revision undoes what it does. Seen to fail: with a `downgrade` that leaves the tables of 0004
+    the second way up fails, because they exist.
     """
     for _ in range(2):
         upgrade(url)

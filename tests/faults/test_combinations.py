@@ -31,8 +31,7 @@ def test_worker_that_dies_between_two_commits(
 
     Guards: references are made in the finish transaction and files without any are garbage; `ready` and `sent` rows
     are the outbox. Seen to fail: with `unclaimed_steps` returning nothing `sent` never ends; with `overdue_steps`
-    returning nothing `stored` never does; `finished` needs no guard beyond the ticker's look at what is ready, and
-    fails when `dispatch` is only called by the worker that was told (`Ticker._run` without its clock).
+    returning nothing `stored` never does. `finished` needs no guard of its own: all of it was committed.
     """
     monkeypatch.setenv("DIE_AT", where)
     monkeypatch.setenv("DIE_MARK", str(tmp_path / "died"))
@@ -49,8 +48,8 @@ def test_worker_that_dies_between_two_commits(
 def test_sleeper_of_an_earlier_generation_changes_nothing(embedded: Settings) -> None:
     """A worker sleeps through a cancel and a retry, and wakes up with a result of the generation before.
 
-    Guard: a step belongs to one generation, and its claim to a token (`leases._owned`).
-    Seen to fail: with `_owned` looking at neither token nor state, the old step is accepted after its cancel.
+    Guard: a step belongs to one generation, and its claim to a token (`leases.standing`, `leases._owned`).
+    Seen to fail: with both looking at neither token nor state, the old step is accepted after its cancel.
     """
     quick = embedded.model_copy(update={"lease_s": 1.5, "slots": 1})
     with looking_at(quick) as service, worker_process(quick) as sleeper:
@@ -76,7 +75,7 @@ def test_rotten_checkpoint_under_89_children(embedded: Settings) -> None:
 
     Guard: every digest is verified on the way in (`ArtifactStore.path`), and a damaged file's step is not kept
     (`control._kept`). Seen to fail: with `_verify` doing nothing the children are computed from rotten bytes and the
-    scan succeeds; without `made_damaged` every retry fails again.
+    scan goes on; without `made_damaged` the retry fails again.
     """
     wide = embedded.model_copy(update={"slots": 4})
     frames = 89

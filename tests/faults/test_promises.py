@@ -22,7 +22,7 @@ def test_what_was_answered_with_2xx_outlives_the_server(embedded: Settings) -> N
     """Promise (a): the whole server is killed in the moment of its answer; the next one runs the scan.
 
     Guard: the handler commits before it answers (`scans._store`).
-    Seen to fail: with `Store.write` committing half a second later, in a thread, the scan is not there.
+    Seen to fail: with the write put into a thread that begins half a second later, the scan is not there.
     """
     port = free_port()
     server = start_server(embedded.data_folder, port)
