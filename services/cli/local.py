@@ -2,16 +2,18 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from nerfmodal.spec import CaptureSource, CloudsSource, ScanSpec
+from nerfmodal.errors import InvalidClouds
+from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec
 
 from services.cli.output import Json, modes_table, notes, print_json, results
 from services.cli.progress import stage_bars
-from services.cli.specs import SpecFile, load, parse_spec, read_spec, read_text
+from services.cli.specs import SpecFile, line_of, load, parse_spec, read_spec, read_text
 
 if TYPE_CHECKING:
     from nerfmodal.io import CloudSequence
@@ -90,12 +92,30 @@ def identify(
     with stage_bars(quiet=as_json) as report:
         record = pipeline.open_clouds(spec)
         read = pipeline.read_all(record, report=lambda now: report("read", now))
-        result = pipeline.identify(spec, read, report=lambda now: report("identify", now))
+        with organs_located(spec, spec_file):
+            result = pipeline.identify(spec, read, report=lambda now: report("identify", now))
     folder.mkdir(parents=True, exist_ok=True)
     pipeline.publish(spec, result, None, first_seen(read), folder)
     for remark in remarks(record, read, result):
         notes().print(remark)
     show_results(folder, as_json=as_json)
+
+
+@contextmanager
+def organs_located(spec: ScanSpec, spec_file: Path | None) -> Iterator[None]:
+    """What is wrong with an organ names the line of the file that describes it, where there is one."""
+    try:
+        yield
+    except InvalidClouds as error:
+        names = [organ.name for organ in spec.organs if isinstance(organ, OrganSpec)]
+        _, _, name, *rest = [*(error.where or "").split("/"), "", ""]
+        if spec_file is None or name not in names:
+            place = f"{getattr(spec.source, 'path', '')} {error.where or ''}".strip()
+            raise InvalidClouds(error.message, where=place, hint=error.hint) from error
+        pointer = "/".join(["", "organs", str(names.index(name)), *filter(None, rest)])
+        line = line_of(read_text(spec_file), pointer)
+        place = f"{spec_file}:{line} {pointer}" if line else f"{spec_file} {pointer}"
+        raise InvalidClouds(error.message, where=place, hint=error.hint) from error
 
 
 def first_seen(clouds: "Sequence[PointCloud]") -> "PointCloud | None":

@@ -32,7 +32,7 @@ def without_ground(frames: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Float[np.
     pooled = np.concatenate(frames)
     low, high = np.quantile(pooled, [0.005, 0.995], axis=0)
     extent = float((high - low).max())
-    plane = _plane_below(pooled, low, extent)
+    plane = _plane_below(pooled, low, extent) if extent > 0 else None
     if plane is None:
         return list(frames)
     above = _over(plane, pooled)

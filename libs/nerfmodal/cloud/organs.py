@@ -25,6 +25,9 @@ MOST_POINTS = 12_000
 """Points of a frame that are looked at."""
 SURFACE_FRAMES = 6
 """Frames whose surfaces decide whether pieces are one sheet."""
+FEWEST_POINTS = 300
+"""Of an organ in a frame, in half of `COUNTED_FRAMES` frames: fewer make no surface."""
+COUNTED_FRAMES = 9
 SMALLEST = 0.04
 """Of the points of the largest structure: smaller ones are floaters."""
 
@@ -76,7 +79,14 @@ def find_organs(clouds: Sequence[PointCloud | None], rng: np.random.Generator) -
         return ()
     samples = [(points, cells.numbers_of(points)) for points in frames]
     pieces = _pieces(cells, [(points[number >= 0], number[number >= 0]) for points, number in samples])
-    return _named(cells, pieces)
+    return tuple(organ for organ in _named(cells, pieces) if _is_dense(organ, clouds))
+
+
+def _is_dense(organ: FoundOrgan, clouds: Sequence[PointCloud | None]) -> bool:
+    """Whether half of some frames hold enough points for a surface."""
+    present = [cloud for cloud in clouds if cloud is not None]
+    some = present[:: max(1, len(present) // COUNTED_FRAMES)]
+    return bool(np.median([organ.contains(cloud.points).sum() for cloud in some]) >= FEWEST_POINTS)
 
 
 def _sample(clouds: Sequence[PointCloud | None], rng: np.random.Generator) -> list[np.ndarray]:

@@ -17,11 +17,13 @@ INLIER_SDS = 3.0
 ITERATIONS = 12
 THINNEST = 1e-3
 """Ratio of the second to the first extent below which points are called collinear."""
+THINNEST_ROD = 1e-4
 
 
 def plane_frame(points: Float[np.ndarray, "points 3"]) -> LocalFrame:
     """The frame of a sheet. Raises `InvalidClouds` if the points are all on one line."""
     kept = np.ones(len(points), dtype=bool)
+    _refuse_line(_principal_axes(points)[1])
     for _ in range(ITERATIONS):
         center, extents, axes = _principal_axes(points[kept])
         distances = (points - center) @ axes[:, 2]
@@ -45,6 +47,11 @@ def rod_frame(points: Float[np.ndarray, "points 3"]) -> LocalFrame:
         kept = radii <= INLIER_SDS * robust_scale(radii)
     if extents[0] < 1e-9:
         raise InvalidClouds("all points of the organ are one point.", hint="Check the unit and the region.")
+    if extents[1] < THINNEST_ROD * extents[0]:
+        raise InvalidClouds(
+            "all points of the organ lie on one line.",
+            hint="A line has no surface to measure: write the points of the surface, not of its middle.",
+        )
     first = np.array([1.0, 0.0, 0.0]) if abs(along[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     return LocalFrame(origin=center, axes=_axes_from(first, along))
 
@@ -74,7 +81,9 @@ def _axes_from(along: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def _refuse_line(extents: np.ndarray) -> None:
-    if extents[1] <= THINNEST * extents[0] or extents[0] < 1e-12:
+    if extents[0] < 1e-12:
+        raise InvalidClouds("all points of the organ are one point.", hint="Check the unit and the region.")
+    if extents[1] <= THINNEST * extents[0]:
         raise InvalidClouds(
             "all points of the organ lie on one line.",
             hint="Use surface: cylinder for a thin branch, or a larger region.",
