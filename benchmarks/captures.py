@@ -31,15 +31,15 @@ from tests.fixtures.formats import FILMED, FORMATS, RATE, filmed_palm
 FOLDER = Path("out/benchmarks/captures")
 OUT = Path("out/benchmarks/captures.json")
 FOX = Path(__file__).parents[2] / "shared" / "captures" / "fox"
-FRAMES, CAMERAS, SIDE = 3, 20, 160
+FRAMES, CAMERAS, SIDE = 2, 16, 128
 SPEC: dict[str, Any] = {
     "reconstruction": {
         "region": {"min_m": [-1.1, -1.1, 0.05], "max_m": [1.1, 1.1, 2.7]},
-        "voxel_m": 0.02,
-        "iterations": 500,
-        "fine_tune_iterations": 100,
+        "voxel_m": 0.03,
+        "iterations": 400,
+        "fine_tune_iterations": 80,
         "opacity_threshold": 0.35,
-        "points": 20_000,
+        "points": 10_000,
     }
 }
 SOLVED_AT = 2
@@ -69,7 +69,7 @@ def format_rows() -> Iterator[Row]:
 
 def written_films() -> dict[str, Path]:
     """The film in every format; made once."""
-    folders = {kind: FOLDER / "films" / kind.replace(" ", "_") for kind in FORMATS}
+    folders = {kind: FOLDER / "films" / kind.replace(" ", "_") for kind in FORMATS if kind != "colmap text"}
     if not all(folder.is_dir() for folder in folders.values()):
         film: list[Frame] = filmed_palm(FRAMES, cameras=CAMERAS, side=SIDE)
         for kind, folder in folders.items():
