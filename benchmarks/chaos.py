@@ -1,6 +1,6 @@
 """Random kills under simulated work: what is lost, what is doubled, and what every recovery costs.
 
-    python -m benchmarks.chaos [--kills 1000] [--minutes 30] [--database URL --broker URL]
+    python -m benchmarks.chaos [--kills 1000] [--minutes 30] [--stack]
 
 Toy steps (CPU burnt, a file written) run on worker processes while one process after the other is killed with -9 or
 frozen: runners, workers, and all workers at once. Whatever was killed is replaced. New scans keep the queue full until
@@ -17,8 +17,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -32,8 +32,9 @@ from sqlalchemy import func, select
 
 from tests.faults.steps import freeze
 from tests.integration.toy_service import Service, WorkerProcess, looking_at, toy_settings, toy_spec
+from tests.stack.servers import Postgres, Redis
 
-OUT = Path("out/benchmarks/chaos.json")
+FOLDER = Path("out/benchmarks")
 FATES = ("runner",) * 15 + ("worker",) * 5 + ("freeze", "everybody")
 """What is done to whom, by its share."""
 AT_ONCE = 3
@@ -156,12 +157,12 @@ def main() -> int:
     """Run, print the table, write it; 1 when a floor is missed."""
     arguments = parse()
     chance = random.Random(arguments.seed)
-    with tempfile.TemporaryDirectory(prefix="nerfmodal-chaos-") as folder:
-        settings = settings_of(Path(folder), arguments)
+    with tempfile.TemporaryDirectory(prefix="nerfmodal-chaos-") as folder, servers(arguments.stack) as urls:
+        settings = settings_of(Path(folder), urls)
         upgrade(settings.database)
         with looking_at(settings) as service:
             rows = measure(service, settings, chance, arguments)
-    report(rows)
+    report(rows, FOLDER / ("chaos_stack.json" if arguments.stack else "chaos.json"))
     return 0 if all(row["value"] == row["floor"] for row in rows if row["floor"] is not None) else 1
 
 
@@ -202,20 +203,36 @@ def row(what: str, value: float, unit: str, floor: float | None, aim: float | No
     return {"what": what, "value": round(value, 3), "unit": unit, "floor": floor, "aim": aim}
 
 
-def report(rows: Sequence[dict[str, object]]) -> None:
+def report(rows: Sequence[dict[str, object]], out: Path) -> None:
     """Print and write."""
     for one in rows:
         wanted = "" if one["floor"] is None else f"  (at most {one['floor']})"
         print(f"{one['what']!s:50} {one['value']!s:>10} {one['unit']}{wanted}")
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps(rows, indent=1))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(rows, indent=1))
 
 
-def settings_of(folder: Path, arguments: argparse.Namespace) -> Settings:
+@contextmanager
+def servers(is_stack: bool) -> Iterator[dict[str, str]]:
+    """A PostgreSQL and a Redis of the benchmark's own, as settings; or nothing, which is SQLite and memory."""
+    if not is_stack:
+        yield {}
+        return
+    postgres, redis = Postgres(), Redis()
+    try:
+        postgres.start()
+        redis.start()
+        yield {"database_url": postgres.url, "broker_url": redis.url}
+    finally:
+        redis.stop()
+        postgres.stop()
+        postgres.remove()
+
+
+def settings_of(folder: Path, urls: dict[str, str]) -> Settings:
     """Short leases, and attempts enough for any number of kills."""
-    servers = {"database_url": arguments.database, "broker_url": arguments.broker}
     quick = {"lease_s": 2.0, "max_attempts": 1000, "resend_s": 2.0}
-    return toy_settings(folder).model_copy(update={**servers, **quick})
+    return toy_settings(folder).model_copy(update={**urls, **quick})
 
 
 def parse() -> argparse.Namespace:
@@ -225,8 +242,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=60.0, help="give up after so many minutes")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--database", default="", help="by default SQLite in a folder of its own")
-    parser.add_argument("--broker", default="memory://localhost/")
+    parser.add_argument("--stack", action="store_true", help="on PostgreSQL and Redis instead of SQLite and memory")
     return parser.parse_args()
 
 

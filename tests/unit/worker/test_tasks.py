@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nerfmodal import io, pipeline
-from nerfmodal.pipeline import Progress
+from nerfmodal.progress import Progress
 from nerfmodal.spec import ScanSpec
 from nerfmodal.types import Camera, Checkpoint, Frame, PointCloud, Rig
 from scanjobs.messages import EXTRACT, IDENTIFY, INSPECT, READ, RENDER, TRAIN
@@ -128,7 +128,8 @@ def test_frame_is_tuned_from_the_shared_checkpoint(
     made = run(TRAIN, 1, tmp_path, [given["second"], given["shared"], given["first"]])
     parent, first, frame = calls["fine_tune"]
     assert (parent.parent, first.index, frame.index) == (None, 0, 1)
-    assert made.facts == {"iterations": 5, "psnr": 30.0, "held_out_psnr": 25.0}
+    rays = 5 * toy_spec().reconstruction.rays_per_batch
+    assert made.facts == {"iterations": 5, "rays": rays, "psnr": 30.0, "held_out_psnr": 25.0}
 
 
 def test_frame_0_is_tuned_like_every_other(
@@ -158,6 +159,24 @@ def test_lost_frames_are_gaps_in_the_clouds(
     result, frame, cloud, _ = calls["publish"]
     assert (result, frame.index, cloud.time) == ("result", 0, 0.5)
     assert [one.role for one in made.files] == ["pictures/report.html"]
+    assert made.facts == {"lost_frames": [0, 2]}
+
+
+def test_modes_so_far_say_what_they_are_of_and_are_no_result(
+    tmp_path: Path, given: dict[str, GivenFile], calls: dict[str, tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the first two of three frames, of which frame 0 was lost: later clouds are not there yet, and no loss."""
+
+    def told(_spec: ScanSpec, result: str, frames: int, out: Path) -> Path:
+        (out / "modes.json").write_text(f"{result} of {frames}")
+        return out / "modes.json"
+
+    monkeypatch.setattr(pipeline, "publish_so_far", told)
+    made = run(IDENTIFY, 2, tmp_path, [given["cloud"]])
+    assert [None if cloud is None else cloud.time for cloud in calls["identify"][0]] == [None, 0.5, None]
+    assert [(one.role, one.path.read_text()) for one in made.files] == [("so_far/modes.json", "result of 2")]
+    assert made.facts == {"partial": True, "frames": 2, "lost_frames": [0]}
+    assert "publish" not in calls
 
 
 def test_clouds_of_any_sensor_are_identified_without_a_frame(tmp_path: Path, calls: dict[str, tuple[Any, ...]]) -> None:
