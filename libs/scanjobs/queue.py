@@ -8,17 +8,15 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final
+from typing import Any
 
 from celery import Celery
-from celery.bootsteps import StartStopStep
 from celery.concurrency.thread import TaskPool
 from celery.worker import WorkController
 from kombu import Queue
 
 from scanjobs.messages import KINDS, QUEUE_OF, QUEUES, Message
 
-PULSE_S: Final = 0.02
 Supervise = Callable[[str], None]
 
 
@@ -58,7 +56,6 @@ def serve(app: Celery, supervise: Supervise) -> None:
 
 def make_consumer(app: Celery, *, name: str, queues: Sequence[str], slots: int) -> WorkController:
     """A Celery worker of threads that serves some queues; `start` blocks, `stop` is called from another thread."""
-    app.steps["worker"].add(Pulse)
     return WorkController(
         app=app,
         hostname=name,
@@ -71,25 +68,6 @@ def make_consumer(app: Celery, *, name: str, queues: Sequence[str], slots: int) 
         without_gossip=True,
         quiet=True,
     )
-
-
-class Pulse(StartStopStep):
-    """Wakes the loop that listens to Redis.
-
-    A worker without a free slot stops listening (`worker_disable_prefetch`), and nothing wakes its loop when a slot
-    becomes free: it looked up once a second, which cost every short step most of a second.
-    """
-
-    requires = ("celery.worker.components:Hub",)
-
-    def start(self, parent: Any) -> None:
-        """Begin, where the transport has such a loop."""
-        if parent.hub is not None:
-            parent.hub.call_repeatedly(PULSE_S, _nothing)
-
-
-def _nothing() -> None:
-    """Waking is all."""
 
 
 class ThreadsOfApp(TaskPool):
