@@ -53,7 +53,7 @@ def pieces_of(cells: Cells, links: sparse.csr_matrix, frames: Sequence[Sample]) 
     label = _rejoin(label, links, ways, cells, frames)
     label = _share_junctions(label, links, ways, cells, frames)
     label = _tear_apart(label, links, ways, cells, frames)
-    return [_piece(one, label, ways, cells) for one in np.unique(label)]
+    return [_piece(int(one), label, ways, cells) for one in np.unique(label)]
 
 
 def _piece(one: int, label: np.ndarray, ways: np.ndarray, cells: Cells) -> Piece:
@@ -205,7 +205,7 @@ def _one_sheet(label: np.ndarray, pair: tuple[int, int], cells: Cells, frames: S
         [roughness(_points(frames, part)) for part in (first, second)], weights=[first.sum(), second.sum()]
     )
     extent = float(np.ptp(cells.centers[first | second], axis=0).max())
-    return together <= max(JOINED * apart, SMOOTH * extent)
+    return bool(together <= max(JOINED * apart, SMOOTH * extent))
 
 
 def _share_junctions(
