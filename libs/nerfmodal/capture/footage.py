@@ -13,8 +13,10 @@ from nerfmodal.capture.pictures import PictureFile, is_picture, picture_size
 from nerfmodal.capture.video import Stamps, is_video, read_stamps
 from nerfmodal.errors import InvalidCapture
 
-PLACES = ("", "images", "videos", "input")
+PLACES = ("images", "videos", "input", "")
 """Folders of a capture in which pictures and videos are looked for."""
+BESIDE = re.compile(r"\.|(images|masks?|depths?)(_\d+)?$")
+"""Folders beside the pictures that are no camera."""
 NUMBER = re.compile(r"(\d+)\D*$")
 
 
@@ -30,20 +32,27 @@ Footage = Stamps | Stills
 
 
 def find_footage(folder: Path) -> dict[str, Path]:
-    """Cameras by name, and the file or folder of each: the first place of the capture that has any.
+    """Cameras by name, and the file or folder of each.
 
-    Videos are taken first, then folders of pictures, then pictures (each a camera of its own).
+    Videos are taken first, wherever they lie; then the first place that has folders of pictures, or pictures (each a
+    camera of its own). Copies in other sizes (images_4) and masks are no cameras.
     """
-    for place in PLACES:
-        below = folder / place
-        entries = sorted(below.iterdir()) if below.is_dir() else []
-        videos = {one.stem: one for one in entries if one.is_file() and is_video(one)}
-        folders = {one.name: one for one in entries if one.is_dir() and any(map(is_picture, one.iterdir()))}
-        folders = {name: one for name, one in folders.items() if place or name not in PLACES}
+    listed = [sorted((folder / place).iterdir()) for place in PLACES if (folder / place).is_dir()]
+    for entries in listed:
+        if videos := {one.stem: one for one in entries if one.is_file() and is_video(one)}:
+            return videos
+    for entries in listed:
+        folders = {one.name: one for one in entries if _is_camera(one)}
         pictures = {one.stem: one for one in entries if one.is_file() and is_picture(one)}
-        if found := videos or folders or pictures:
+        if found := folders or pictures:
             return found
     return {}
+
+
+def _is_camera(folder: Path) -> bool:
+    if not folder.is_dir() or folder.name in PLACES or BESIDE.match(folder.name):
+        return False
+    return any(map(is_picture, folder.iterdir()))
 
 
 def open_footage(path: Path) -> Footage:

@@ -113,6 +113,15 @@ def test_a_picture_without_a_pose_is_absent(tmp_path: Path, film: list[Frame]) -
     assert opened(tmp_path, frame_rate_hz=25).absent == ("extra",)
 
 
+def test_copies_and_masks_are_no_cameras(tmp_path: Path, film: list[Frame]) -> None:
+    write_colmap_text(tmp_path, film)
+    for name in ("images_4", "masks", ".thumbnails"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "0000.png").write_bytes(encode_png(film[0].images[0]))
+    capture = opened(tmp_path, frame_rate_hz=25)
+    assert (len(capture.rig.cameras), capture.absent) == (4, ())
+
+
 def test_folders_need_a_rate(tmp_path: Path, film: list[Frame]) -> None:
     write_colmap_text(tmp_path, film)
     with pytest.raises(InvalidCapture, match="no times"):
