@@ -162,7 +162,10 @@ ARCHIVES: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     "climbing out": (zipped({"../../evil.png": picture()}), "leads out"),  # safe_name
     "absolute": (zipped({"/etc/evil.png": picture()}), "leads out"),  # safe_name
     "windows": (zipped({"..\\evil.png": picture()}), "leads out"),  # safe_name
-    "symlink": (zipped({"link.png": b"/etc/passwd"}, **{"link.png": symlink("link.png")}), "link"),  # _check_member
+    "symlink": (
+        zipped({"link.png": b"/etc/passwd"}, **{"link.png": symlink("link.png")}),
+        "a link or a device",
+    ),  # _check_member
     "bomb": (bomb, "times its size"),  # HIGHEST_RATIO
     "lying bomb": (lying_bomb, "archive"),  # the count in _write
     "crowd": (crowd, "more than"),  # _count_entries
