@@ -32,6 +32,8 @@ CLOSEST = 0.1
 """Two lines closer than this over the record's length are one line split in two."""
 LONG_S = 12.0
 """A longer record is searched by windows: its sharp lines fall between those of the grid."""
+WIDE = 2e4
+"""Hz x frames from which the grid is a waste of time."""
 NOTHING_LEFT = 1e-10
 """Share of the energy below which the residual is rounding, not noise."""
 CHANNEL_FLOOR = 1e-6
@@ -118,8 +120,9 @@ def fit_sinusoids(
     """
     span = times[-1] - times[0]
     low, high = max(1.0 / span, LOWEST_HZ), HIGHEST_SHARE * frame_rate
+    wide = (high - low) * len(times) > WIDE
     search: Grid | Windows = (
-        windows_of(times, frame_rate, low, high) if span > LONG_S else candidate_grid(times, low, high)
+        windows_of(times, frame_rate, low, high) if span > LONG_S or wide else candidate_grid(times, low, high)
     )
     lines = _still_standing(times, channels, known, search, frame_rate, rng)
     total = ((channels - channels.mean(axis=0)) ** 2).sum()
