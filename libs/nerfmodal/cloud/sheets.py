@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import sparse, spatial, special
+from scipy import linalg, sparse, spatial, special
 
 DEGREE = 5
 SPLIT_DEGREE = 3
@@ -125,7 +125,7 @@ def _heights(fitted: np.ndarray, asked: np.ndarray, frame: tuple[np.ndarray, np.
         weighted = design * weights[:, None]
         normal = weighted.T @ design
         ridge = 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal))
-        coefficients = np.linalg.solve(normal + ridge, weighted.T @ local[:, 2])
+        coefficients = linalg.solve(normal + ridge, weighted.T @ local[:, 2], assume_a="pos", check_finite=False)
         residuals = np.abs(local[:, 2] - design @ coefficients)
         weights = 1.0 / np.maximum(residuals, 0.1 * np.median(residuals) + 1e-12)
         weights /= weights.max()

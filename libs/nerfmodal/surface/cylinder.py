@@ -13,7 +13,7 @@ from scipy import special
 
 from nerfmodal.geometry.frames import LocalFrame
 from nerfmodal.surface.plane import rod_frame
-from nerfmodal.surface.robust import Prior, RobustFit, robust_scale
+from nerfmodal.surface.robust import Prior, RobustFit, robust_scale, solve_symmetric
 
 CAUCHY_M = 0.004
 DEGREE = 4
@@ -187,7 +187,7 @@ def _gauss_newton(
             known = scale**2 * prior.precision
             gradient = gradient + known @ (coefficients - prior.mean)
         ridge = 1e-6 * np.trace(normal) / len(start) * np.eye(len(start))
-        step = np.linalg.solve(normal + known + ridge, gradient)
+        step = solve_symmetric(normal + known + ridge, gradient)
         coefficients = coefficients - step
         if np.abs(step).max() < SETTLED_M:
             break
