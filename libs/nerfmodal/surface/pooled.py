@@ -22,6 +22,8 @@ FLOOR = 0.2
 """Of a plain fit's variance: no direction is held more rigid than this. Pressed flat, a direction would hold nothing
 but a leak of the motion that changes with the number of points in a frame, and lines would be read in it."""
 FEWEST_FRAMES = 8
+STRETCH = 90
+"""Frames that a prior is learnt from, at least."""
 STRANGE = 1e-6
 """A frame as far from the others as one in a million is misled: it starts from the prior's mean instead."""
 
@@ -42,12 +44,22 @@ def refit_pooled(
     if len(fits) < FEWEST_FRAMES:
         return current
     for round_index in range(ROUNDS):
-        prior = learn_prior(current, posterior=round_index > 0)
+        prior = learn_prior(liveliest(current), posterior=round_index > 0)
         strange = distances(current, prior) > stats.chi2.isf(STRANGE, len(prior.mean))
         current = tuple(
             refit(index, prior.mean if strange[index] else fit.coefficients, prior) for index, fit in enumerate(current)
         )
     return current
+
+
+def liveliest(fits: Sequence[RobustFit]) -> Sequence[RobustFit]:
+    """The stretch of a long record that moves most; a short record is one stretch.
+
+    Over a long decay the typical motion is small, and a prior of all frames would press flat what the first ones show.
+    """
+    stretches = np.array_split(np.arange(len(fits)), max(1, len(fits) // STRETCH))
+    motion = [np.trace(np.cov([fits[k].coefficients for k in places], rowvar=False)) for places in stretches]
+    return [fits[k] for k in stretches[int(np.argmax(motion))]]
 
 
 def learn_prior(fits: Sequence[RobustFit], *, posterior: bool = False) -> Prior:
