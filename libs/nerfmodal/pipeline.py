@@ -25,7 +25,7 @@ from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, 
 
 SPREAD_VOXELS = 3.0
 """A ray whose weights lie further apart than this (quartiles, voxels) ends in fog, not on a surface."""
-REGION_SHARE = 0.3
+REGION_SHARE = 0.9
 """Half the side of a capture's default region, in mean distances from the cameras to what they look at."""
 
 
@@ -89,15 +89,18 @@ def make_frame(spec: ScanSpec, index: int, opened: capture.Capture | None = None
             assert_never(spec.source)
 
 
-def fit_first(spec: ScanSpec, first: Frame, *, report: Report, resume: io.ResumeFile | None = None) -> Checkpoint:
+def fit_first(
+    spec: ScanSpec, first: Frame, *, report: Report, resume: io.ResumeFile | None = None, alone: bool = False
+) -> Checkpoint:
     """Train frame 0 from nothing to the checkpoint that every frame starts from.
 
-    `resume` keeps the state now and then, from which a training that was stopped goes on.
+    `resume` keeps the state now and then, from which a training that was stopped goes on. A frame that is `alone` is
+    spared what only further frames need.
     """
     trained, held_out = capture.split_held_out(first, _held_out(spec))
     keeping = _named_resume(resume, f"{spec.digest()} first")
     scene = _scene(spec, first)
-    checkpoint = field.fit(scene, spec.reconstruction, trained, held_out, spec.seed, _telling(report), keeping)
+    checkpoint = field.fit(scene, spec.reconstruction, trained, held_out, spec.seed, _telling(report), keeping, alone)
     keeping.forget()
     return checkpoint
 
@@ -262,8 +265,9 @@ def reconstruct(
     report: Callable[[str, Progress], None],
 ) -> Iterator[PointCloud]:
     """The clouds of all frames, one after the other, each also written under `out/clouds`."""
-    parent = fit_first(spec, first, report=_named(report, "frame.train"))
-    for index in range(len(frame_times(spec, opened))):
+    count = len(frame_times(spec, opened))
+    parent = fit_first(spec, first, report=_named(report, "frame.train"), alone=count == 1)
+    for index in range(count):
         frame = first if index == 0 else make_frame(spec, index, opened, report=_named(report, "frame.render"))
         tuned = fine_tune(spec, parent, first, frame, report=_named(report, "frame.train"))
         points = extract(spec, tuned, frame, report=_named(report, "frame.extract"))

@@ -185,7 +185,7 @@ class ReconstructionSpec(Part):
     region: Box | None = None
     """The box that is reconstructed finely; by default what all cameras look at."""
     voxel_m: PositiveMetres | None = None
-    """Side of the finest voxel of the grid field; by default the region's largest side / 128."""
+    """Side of the finest voxel of the grid field; by default the region's largest side / 192."""
     iterations: Annotated[int, Field(ge=1)] = 600
     """Of frame 0, up to the checkpoint that all frames start from."""
     fine_tune_iterations: Annotated[int, Field(ge=1)] = 120

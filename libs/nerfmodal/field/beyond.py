@@ -4,7 +4,7 @@ The plant covers a place of the ground for few cameras only, so the median looks
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import distance_transform_edt
 
 from nerfmodal.field.grid import GridField
@@ -25,7 +25,7 @@ def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras h
         flat = flat[seen.reshape(-1)[flat]]
     pixels = pixels_at(flat, views.images.shape)
     directions = directions_of(views, pixels)
-    colors = views.images.reshape(-1, 3)[flat] / np.float32(255)
+    colors = views.images.reshape(-1, 3)[flat]
     falls = directions[:, 2] < FLAT
     origins = views.poses[pixels[:, 0], :3, 3]
     ground = _texels(_ground_points(field, origins[falls], directions[falls]), field.sides[0])
@@ -56,17 +56,18 @@ def _texels(points: Float[np.ndarray, "rays 2"], side: int) -> Int[np.ndarray, "
 
 
 def _medians(
-    texels: Int[np.ndarray, " rays"], colors: Float[np.ndarray, "rays 3"], side: int
+    texels: Int[np.ndarray, " rays"], colors: UInt8[np.ndarray, "rays 3"], side: int
 ) -> Float[np.ndarray, "texels 3"]:
     """Median colour of each texel; texels that nobody saw take the nearest one's."""
     filled = np.full((side * side, 3), 0.5, np.float32)
     if not len(texels):
         return filled
-    seen, first, counts = np.unique(np.sort(texels), return_index=True, return_counts=True)
+    counts = np.bincount(texels, minlength=side * side)
+    seen = np.flatnonzero(counts)
+    first, counts = (np.cumsum(counts) - counts)[seen], counts[seen]
     for channel in range(3):
-        order = np.lexsort((colors[:, channel], texels))
-        ranked = colors[order, channel]
-        filled[seen, channel] = (ranked[first + (counts - 1) // 2] + ranked[first + counts // 2]) / 2
+        ranked = np.sort(texels * 256 + colors[:, channel]) & 255  # by texel, then by tone
+        filled[seen, channel] = (ranked[first + (counts - 1) // 2] + ranked[first + counts // 2]) / np.float32(510)
     unseen = np.ones(side * side, dtype=bool)
     unseen[seen] = False
     nearest = distance_transform_edt(unseen.reshape(side, side), return_distances=False, return_indices=True)

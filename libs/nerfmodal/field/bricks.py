@@ -81,8 +81,9 @@ def with_masks(bricks: Bricks, occupied: Occupancy) -> Bricks:
 
 
 def seen_blocks(bricks: Bricks, seen: Float[np.ndarray, " blocks"], threshold: float) -> Occupancy:
-    """Blocks in which a sample's weight exceeded `threshold`."""
-    masks = pack(seen.reshape(-1, BLOCKS**3) > threshold)
+    """Blocks in which a sample's weight exceeded `threshold`, or half of the largest one where none did."""
+    limit = min(threshold, 0.5 * float(seen.max(initial=0.0)))  # a short training is faint everywhere
+    masks = pack(seen.reshape(-1, BLOCKS**3) > limit)
     return unpack(masks & bricks.masks, bricks.slots)
 
 

@@ -278,7 +278,7 @@ def still_backgrounds(field: GridField, views: Views) -> UInt8[np.ndarray, "came
 
 def fine_tune(
     parent: GridField,
-    backgrounds: UInt8[np.ndarray, "cameras height width 3"],
+    backgrounds: UInt8[np.ndarray, "cameras height width 3"] | None,
     first: Frame,
     frame: Frame,
     schedule: Schedule,
@@ -291,6 +291,8 @@ def fine_tune(
     rng = np.random.default_rng(seed)
     if not changed.any():
         return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE)
+    if backgrounds is None:  # its parent was to stay alone
+        backgrounds = still_backgrounds(parent, views_of(first))
     draw = _changed_rays(changed, schedule.rays, rng)
     coarse = scaled_bricks(parent.bricks, 2)
     hull = carved_blocks(coarse, frame.rig, changed, CHANGE_AGREEMENT)

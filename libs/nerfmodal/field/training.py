@@ -17,7 +17,7 @@ from nerfmodal.io.resume import ResumeFile
 from nerfmodal.spec import ReconstructionSpec
 from nerfmodal.types import Checkpoint, Frame
 
-VOXELS_ALONG = 128
+VOXELS_ALONG = 192
 """Voxels along the region's largest side, unless the voxel is given."""
 Look = Callable[[Int[np.ndarray, "rays 3"]], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 """Pixels (camera, row, column) to colours (rays, 3), opacities, distances and their spreads (rays,), metres."""
@@ -45,9 +45,11 @@ def fit(
     seed: int,
     told: Told,
     resume: ResumeFile | None = None,
+    alone: bool = False,
 ) -> Checkpoint:
     """Train frame 0 from nothing to the checkpoint that every frame starts from.
 
+    A frame that is `alone` has no further ones, which would need what stands still behind the structure.
     `resume` takes up a training that was stopped, and is given states from time to time.
 
     Raises
@@ -65,7 +67,9 @@ def fit(
         voxel = voxel_of(scene, settings)
         schedule = _schedule(settings, settings.iterations)
         field = grid_training.fit(first, scene.low, scene.high, voxel, scene.ground, schedule, seed, course, keeping)
-        state = grid.grid_state(field) | {"backgrounds": grid_training.still_backgrounds(field, views_of(first))}
+        state = grid.grid_state(field)
+        if not alone:
+            state["backgrounds"] = grid_training.still_backgrounds(field, views_of(first))
     checkpoint = Checkpoint(
         field=settings.field,
         frame_index=first.index,
@@ -104,7 +108,7 @@ def fine_tune(
     else:
         schedule = _schedule(settings, settings.fine_tune_iterations)
         field = grid_training.fine_tune(
-            grid.grid_of(parent.state), parent.state["backgrounds"], first, frame, schedule, own_seed, course
+            grid.grid_of(parent.state), parent.state.get("backgrounds"), first, frame, schedule, own_seed, course
         )
         state = grid.grid_state(field)
     return Checkpoint(
