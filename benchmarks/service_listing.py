@@ -1,6 +1,6 @@
 """A page of scans among 1,000,000 against among 1,000, on PostgreSQL: the database's part, p95, turn by turn.
 
-Rows are made by `generate_series`: a tenth has failed, a tenth runs, each has two tags and four steps; every page is full.
+Rows are made by `generate_series`: a tenth has failed, a tenth runs, each has two tags and four steps; pages are full.
 """
 
 import statistics

@@ -42,7 +42,7 @@ def test_full_disk_corrupts_nothing_and_the_scan_goes_on_when_it_is_freed(small_
     """Promise (i). Database, files and artifacts on one full disk: nothing can be written down, and all is well
     afterwards.
 
-    Guard: a tick that fails is tried again (`Ticker._run`). Seen to fail: with `_run` letting errors out, the ticker dies
+    Guard: a tick that fails is tried again (`Ticker._run`). Seen to fail: with `_run` letting errors out, it dies
     with the first beat that cannot be written, and the scan never ends.
     """
     fill_in_mid_scan(toy_settings(small_disk), small_disk, full_s)

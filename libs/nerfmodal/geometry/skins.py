@@ -30,7 +30,7 @@ class Skin:
 
 
 def skin_of(positions: Float[np.ndarray, "sensors 3"], surface: str, *, most: int) -> Skin:
-    """The skin over an organ's sensors: a tube for a `cylinder`; a sheet keeps at most `most` of them, evenly chosen."""
+    """The skin over an organ's sensors: a tube for a `cylinder`; a sheet keeps `most` of them, evenly chosen."""
     return tube(positions) if surface == "cylinder" else sheet(positions, most=most)
 
 
