@@ -97,14 +97,23 @@ def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, 
     pixels = pixels_at(flat, views.images.shape)
     bricks = field.bricks
     counted = _count(
-        bricks.slots, bricks.masks, field.values, field.half, bricks.low, bricks.voxel, views.table, views.poses, pixels
+        bricks.slots,
+        bricks.masks,
+        field.values,
+        field.half,
+        bricks.low,
+        bricks.voxel,
+        views.table,
+        views.poses,
+        views.nears,
+        pixels,
     )
     return float(counted / len(pixels)) + 1.0  # and one of the ground or the sky
 
 
 @numba.njit
 @no_type_check
-def _count(slots, masks, values, half, low, voxel, table, poses, pixels):
+def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels):
     rows = np.empty((marching.MAX_SAMPLES, 8), np.int32)
     weights = np.empty((marching.MAX_SAMPLES, 8), np.float32)
     samples = np.empty((marching.MAX_SAMPLES, 8), np.float64)
@@ -114,8 +123,8 @@ def _count(slots, masks, values, half, low, voxel, table, poses, pixels):
         dx, dy, dz = marching.ray_of(table, poses, camera, row, column, CELL)
         x, y, z = poses[camera, 0, 3] - low[0], poses[camera, 1, 3] - low[1], poses[camera, 2, 3] - low[2]
         n, _, _ = marching.march_inner(
-            slots, masks, values, half, voxel, x / voxel, y / voxel, z / voxel, dx, dy, dz, grid.STEP, 0.5,
-            rows, weights, samples,
+            slots, masks, values, half, voxel, x / voxel, y / voxel, z / voxel, dx, dy, dz, nears[camera] / voxel,
+            grid.STEP, 0.5, rows, weights, samples,
         )  # fmt: skip
         total += n
     return total

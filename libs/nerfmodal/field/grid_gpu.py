@@ -77,9 +77,9 @@ class Learner:
         """Mean squared error of a batch (eq 9, one field), and the derivative that `kernels.train_batch` takes."""
         place = self.place
         values = self.values.detach().requires_grad_()
-        origins, directions = place.rays(views, pixels)
+        origins, directions, nears = place.rays(views, pixels)
         jitter = torch.from_numpy(jitters).to(place.device)
-        inner, fars = place.inner(origins, directions, jitter)
+        inner, fars = place.inner(origins, directions, nears, jitter)
         front = show(values, inner, torch.ones(len(pixels), device=place.device), ends=False)
         self._mark(inner.rows[:, 0], front.weights.detach())
         where = tuple(pixels.T)

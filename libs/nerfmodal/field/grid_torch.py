@@ -58,17 +58,19 @@ class Place:
         """An array in single precision on the device."""
         return torch.from_numpy(np.ascontiguousarray(values)).to(self.device, torch.float32)
 
-    def rays(self, views: Views, pixels: Int[np.ndarray, "rays 3"]) -> tuple[Tensor, Tensor]:
-        """Origins and unit directions (rays, 3), metres, in double precision."""
+    def rays(self, views: Views, pixels: Int[np.ndarray, "rays 3"]) -> tuple[Tensor, Tensor, Tensor]:
+        """Origins and unit directions (rays, 3), and where to begin (rays,), metres, in double precision."""
         origins = torch.from_numpy(views.poses[pixels[:, 0], :3, 3]).to(self.device)
-        return origins, torch.from_numpy(directions_of(views, pixels)).to(self.device)
+        nears = torch.from_numpy(views.nears[pixels[:, 0]]).to(self.device)
+        return origins, torch.from_numpy(directions_of(views, pixels)).to(self.device), nears
 
-    def inner(self, origins: Tensor, directions: Tensor, jitters: Tensor) -> tuple[Samples, Tensor]:
-        """Samples in the blocks that are set (as `marching.march_inner`), and where each ray leaves the region (m)."""
+    def inner(self, origins: Tensor, directions: Tensor, nears: Tensor, jitters: Tensor) -> tuple[Samples, Tensor]:
+        """Samples in the blocks that are set (as `marching.march_inner`), and where rays go on behind it (m)."""
         voxel = self.field.bricks.voxel
         extent = torch.from_numpy(2.0 * self.field.half / voxel).to(self.device)
         start = (origins - torch.from_numpy(self.field.bricks.low).to(self.device)) / voxel
         near, far = _box_span(start, directions, extent)
+        near = torch.maximum(near, nears / voxel)
         count = max(math.ceil(float((far - near).clamp(min=0).max()) / STEP), 1)
         t = near[:, None] + (jitters[:, None] + torch.arange(count, device=self.device)) * STEP
         place = start[:, None] + directions[:, None] * t[..., None]
@@ -78,7 +80,7 @@ class Place:
         rows, shares = self._corners(self.slots, 0, place[ray, index])
         delta = torch.full_like(ray, STEP, dtype=torch.float32)
         samples = Samples(ray=ray, t=t[ray, index].float(), delta=delta, rows=rows, shares=shares)
-        return samples, far.clamp(min=0) * voxel
+        return samples, torch.maximum(far * voxel, nears)
 
     def beyond(self, origins: Tensor, directions: Tensor, starts: Tensor, jitters: Tensor) -> Samples:
         """What lies behind the region (as `marching.march_beyond`): the outer grid, or the ground and the sky."""
@@ -182,10 +184,10 @@ def render(
     place: Place, values: Float[Tensor, "rows 4"], views: Views, pixels: Int[np.ndarray, "rays 3"], *, behind: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """What `kernels.render_pixels` gives: colour in front, light left, colour behind, distance and spread (m)."""
-    origins, directions = place.rays(views, pixels)
+    origins, directions, nears = place.rays(views, pixels)
     middle = torch.full((len(pixels),), 0.5, device=place.device, dtype=origins.dtype)
     whole = torch.ones(len(pixels), device=place.device)
-    samples, fars = place.inner(origins, directions, middle)
+    samples, fars = place.inner(origins, directions, nears, middle)
     front = show(values, samples, whole, ends=False)
     opacity = 1.0 - front.left
     near, half, far = (_crossing(samples, front.weights, share * opacity) for share in (0.25, 0.5, 0.75))

@@ -113,8 +113,9 @@ def fit(
             if level == 0:
                 draw = _focused(silhouettes.missed | ~silhouettes.falls, views, schedule.rays, rng)
         until = _iterations_until(level, schedule.iterations)
+        plain = mean_colors(views) if silhouettes is None and level == 0 else None
         seen = train(
-            field, views, None, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
+            field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
         )
         if level == len(LEVELS) - 1:
             return pruned(field, seen)
@@ -135,15 +136,28 @@ class Silhouettes:
 def _learn_beyond(
     field: GridField, views: Views, schedule: Schedule, rng: np.random.Generator, course: Course
 ) -> Silhouettes | None:
-    """Teach `field` what lies beyond the region; where a ground is known, return what it cannot explain."""
+    """Teach `field` the ground and the sky, where a ground is known, and return what they cannot explain.
+
+    An outer grid learns together with the region: alone it would explain everything, and leave the region empty.
+    """
+    if np.isnan(field.ground):
+        return None
     clear = replace(field, bricks=replace(field.bricks, masks=np.zeros_like(field.bricks.masks)))
-    grounded = not np.isnan(field.ground)
-    if grounded:
-        lay_ground(field, views)
+    lay_ground(field, views)
     draw = _anywhere(views, schedule.rays, rng)
     count = round(BEYOND * schedule.iterations)
     train(clear, views, None, draw, count, rng, course, rates=BEYOND_RATES, limit=BEYOND_LIMIT)
-    return unexplained(clear, views) if grounded else None
+    return unexplained(clear, views)
+
+
+def mean_colors(views: Views) -> UInt8[np.ndarray, "cameras height width 3"]:
+    """Every picture in its mean colour: the first level of a scene without a known ground is seen before it.
+
+    Few cameras leave an outer grid free to paint, behind the region, a picture for each of them; what is consistent
+    between them must be found in the region first.
+    """
+    means = views.images.mean(axis=(1, 2), dtype=np.float32).round().astype(np.uint8)
+    return np.ascontiguousarray(np.broadcast_to(means[:, None, None], views.images.shape))
 
 
 def _iterations_until(level: int, iterations: int) -> int:

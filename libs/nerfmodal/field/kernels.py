@@ -134,6 +134,7 @@ def train_batch(
     table,
     cell,
     poses,
+    nears,
     images,
     backgrounds,
     use_outer,
@@ -178,6 +179,7 @@ def train_batch(
                 dx,
                 dy,
                 dz,
+                nears[camera] / voxel,
                 step,
                 jitters[index],
                 rows,
@@ -202,7 +204,7 @@ def train_batch(
                     dx,
                     dy,
                     dz,
-                    max(far, 0.0) * voxel,
+                    max(far * voxel, nears[camera]),
                     jitters[index],
                     rows,
                     weights,
@@ -296,7 +298,7 @@ def crossing(samples, n, target):
 @numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
 @no_type_check
 def render_pixels(
-    bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, use_outer, pixels, step
+    bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, nears, use_outer, pixels, step
 ):
     """Colour in front, transmittance, colour behind, distance and spread (metres) of the rays through `pixels`.
 
@@ -330,6 +332,7 @@ def render_pixels(
                 dx,
                 dy,
                 dz,
+                nears[camera] / voxel,
                 step,
                 0.5,
                 rows,
@@ -359,7 +362,7 @@ def render_pixels(
                     dx,
                     dy,
                     dz,
-                    max(far, 0.0) * voxel,
+                    max(far * voxel, nears[camera]),
                     0.5,
                     rows,
                     weights,

@@ -140,10 +140,13 @@ def keep_sample(samples, n, t, delta, transmittance):
 
 @numba.njit(cache=True, fastmath=True)
 @no_type_check
-def march_inner(bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, step, jitter, rows, weights, samples):
-    """Samples of one ray inside the region. Returns their number, the transmittance left, and the exit."""
+def march_inner(
+    bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, nearest, step, jitter, rows, weights, samples
+):
+    """Samples of one ray inside the region, from `nearest` on. Returns how many, the transmittance left, the exit."""
     nx, ny, nz = 2.0 * half[0] / voxel, 2.0 * half[1] / voxel, 2.0 * half[2] / voxel
     near, far = box_span(ox, oy, oz, dx, dy, dz, nx, ny, nz)
+    near = max(near, nearest)
     n, transmittance = 0, 1.0
     ix, iy, iz = inverse(dx), inverse(dy), inverse(dz)
     per_step = 1.0 / step

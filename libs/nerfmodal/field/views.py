@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from nerfmodal.geometry.cameras import undistort
+from nerfmodal.geometry.cameras import focus_of, undistort
 from nerfmodal.types import Camera, Frame, Rig
 
 CELL = 8
 """Pixels between two entries of the table: a lens bends by less than 0.02 pixels over them, a fisheye by more."""
+
+NEAR = 0.3
+"""Share of a camera's distance to what the rig looks at within which nothing stands."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +24,8 @@ class Views:
 
     table: Float[np.ndarray, "cameras rows columns 2"]
     poses: Float[np.ndarray, "cameras 4 4"]
+    nears: Float[np.ndarray, " cameras"]
+    """Distance (m) before which nothing is expected: a grain of fog before a lens would explain its picture alone."""
     images: UInt8[np.ndarray, "cameras height width 3"]
     counts: Bool[np.ndarray, "cameras height width"] | None = None
     """Pixels that say something; None: all."""
@@ -47,6 +52,7 @@ def views_of(frame: Frame) -> Views:
     return Views(
         table=np.stack([_table(camera) for camera in frame.rig.cameras]),
         poses=poses_of(frame.rig),
+        nears=NEAR * np.linalg.norm(poses_of(frame.rig)[:, :3, 3] - focus_of(frame.rig)[0], axis=1),
         images=np.ascontiguousarray(frame.images),
         counts=frame.counts,
     )

@@ -57,8 +57,8 @@ def test_both_have_the_same_gradients(views: Views, ground: float | None, behind
     optimiser = grid.Optimiser(len(field.values), 64 * len(field.bricks.masks))
     loss = kernels.train_batch(
         field.bricks.slots, field.bricks.masks, field.outer, field.values, field.bricks.low, field.bricks.voxel,
-        field.half, field.ground, field.sides, views.table, CELL, views.poses, views.images, STILL, behind, pixels,
-        jitters, grid.STEP, decay, distortion, limit, optimiser.gradients, optimiser.touched, optimiser.seen,
+        field.half, field.ground, field.sides, views.table, CELL, views.poses, views.nears, views.images, STILL, behind,
+        pixels, jitters, grid.STEP, decay, distortion, limit, optimiser.gradients, optimiser.touched, optimiser.seen,
     )  # fmt: skip
     expected = optimiser.gradients.sum(axis=0)
     learner = grid_gpu.Learner(Place(field, CPU), field.bricks.masks)

@@ -77,6 +77,7 @@ def loss_of(field: grid.GridField, views: Views, pixels: np.ndarray, **options: 
         views.table,
         CELL,
         views.poses,
+        views.nears,
         views.images,
         backgrounds,
         bool(options.get("beyond", False)),

@@ -128,12 +128,21 @@ def test_a_loss_that_is_no_number_is_an_error(first: Frame) -> None:
         fit(SCENE, settings, first, None, 0, silent)
 
 
-def test_without_ground_an_outer_grid_explains_the_rest(first: Frame) -> None:
+def test_without_ground_the_ball_is_found_and_an_outer_grid_explains_the_rest(first: Frame) -> None:
     scene = Scene(low=SCENE.low, high=SCENE.high, ground=None)
-    settings = SETTINGS.model_copy(update={"iterations": 40, "rays_per_batch": 1024})
-    checkpoint = fit(scene, settings, first, None, 0, silent)
+    settings = SETTINGS.model_copy(update={"iterations": 160})
+    checkpoint = fit(scene, settings, first, None, 0, silent, alone=True)
     assert checkpoint.state["outer"].size > 0
-    assert checkpoint.psnr > 12
+    assert "backgrounds" not in checkpoint.state
+    assert checkpoint.psnr > 20
+    distances = off_the_ball(cloud_of(checkpoint, first), np.array([0.0, 0.0, 0.75]))
+    assert len(distances) > 500
+    assert np.median(distances) < 0.02
+
+
+def test_a_very_short_training_is_faint_but_not_empty(first: Frame) -> None:
+    checkpoint = fit(SCENE, SETTINGS.model_copy(update={"iterations": 12}), first, None, 0, silent)
+    assert len(checkpoint.state["masks"]) > 0
 
 
 def test_the_papers_network_learns(first: Frame) -> None:
