@@ -188,7 +188,7 @@ class ReconstructionSpec(Part):
     """Side of the finest voxel of the grid field; by default the region's largest side / 192."""
     iterations: Annotated[int, Field(ge=1)] = 600
     """Of frame 0, up to the checkpoint that all frames start from."""
-    fine_tune_iterations: Annotated[int, Field(ge=1)] = 120
+    fine_tune_iterations: Annotated[int, Field(ge=1)] = 240
     """Of every frame, from the frame-0 checkpoint."""
     settled_m: PositiveMetres | None = None
     """The paper's field stops early when the moved surface changes by less between two looks, of twenty a training."""

@@ -91,7 +91,7 @@ def listen(port: int, host: str = HOST) -> socket.socket:
     except OSError as error:
         listener.close()
         hint = "Choose another --port, or 0 for a free one."
-        raise PortTaken(f"no listening at {host}:{port}: {error.strerror}.", where="--port", hint=hint) from error
+        raise PortTaken(f"cannot listen at {host}:{port}: {error.strerror}.", where="--port", hint=hint) from error
     listener.listen(128)
     return listener
 

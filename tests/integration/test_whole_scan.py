@@ -32,7 +32,7 @@ SPEC = ScanSpec.model_validate(
                 {"organ": "trunk", "shape": "bending_1", "frequency_hz": 1.07, "amplitude_m": 0.06, "phase_deg": 20}
             ],
         },
-        "reconstruction": {"voxel_m": 0.03, "iterations": 240, "fine_tune_iterations": 60, "points": 6000},
+        "reconstruction": {"voxel_m": 0.03, "iterations": 240, "fine_tune_iterations": 120, "points": 6000},
         "organs": [
             {
                 "name": "trunk",
