@@ -128,8 +128,10 @@ def file_of(settings: Settings, upload_id: str) -> Path:
 
 
 @contextmanager
-def opened_at(path: Path, start: int) -> Iterator[BinaryIO]:
-    """The file from byte `start` on, whatever stood behind it, for one writer; synced when the block ends.
+def held(path: Path) -> Iterator[BinaryIO]:
+    """The file, for one writer alone; synced when the block ends.
+
+    Whoever holds it asks again how far the upload is before changing a byte: another may have finished meanwhile.
 
     Raises
     ------
@@ -143,13 +145,16 @@ def opened_at(path: Path, start: int) -> Iterator[BinaryIO]:
         except BlockingIOError as error:
             hint = "Wait until it has ended, then ask how far the upload is."
             raise UploadBusy("another request is sending to this upload.", hint=hint) from error
-        file.truncate(start)
-        file.seek(start)
         try:
             yield file
         finally:
-            file.flush()
-            os.fsync(file.fileno())
+            sync(file)
+
+
+def sync(file: BinaryIO) -> None:
+    """Bring what was written to disk."""
+    file.flush()
+    os.fsync(file.fileno())
 
 
 def digest_of_file(path: Path) -> str:

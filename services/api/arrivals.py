@@ -14,7 +14,7 @@ from typing import BinaryIO, Final
 from fastapi import Request
 from scanjobs.account_tables import Upload
 from scanjobs.errors import TooLarge, UploadConflict
-from scanjobs.uploads import advance, digest_of_file, file_of, get_upload, opened_at
+from scanjobs.uploads import advance, digest_of_file, file_of, get_upload, held, sync
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
@@ -61,19 +61,34 @@ async def receive_into(request: Request, parts: Parts, upload: Upload, checksum:
     RequestRefused
         The bytes do not have their checksum; nothing of this request is kept.
     """
-    path, start = file_of(parts.settings, upload.id), upload.received
-    opened = opened_at(path, start)
-    file = await run_in_threadpool(opened.__enter__)
+    path = file_of(parts.settings, upload.id)
+    holding = held(path)
+    file = await run_in_threadpool(holding.__enter__)
     try:
-        end = await _write_all(request, file, start, upload.length, checksum)
+        await run_in_threadpool(_begin, parts, upload, file)
+        end = await _write_all(request, file, upload.received, upload.length, checksum)
+        await run_in_threadpool(_settle, parts, upload, file, end)  # before the next writer may begin
     finally:
-        await run_in_threadpool(opened.__exit__, None, None, None)
-    complete = end == upload.length and upload.state != "complete"
-    digest = await run_in_threadpool(digest_of_file, path) if complete else None
-    if end > start or digest is not None:
-        work = partial(advance, upload_id=upload.id, start=start, end=end, digest=digest)
-        await run_in_threadpool(parts.store.write, work)
+        await run_in_threadpool(holding.__exit__, None, None, None)
     return await run_in_threadpool(look_up, parts, upload.id, upload.owner)
+
+
+def _begin(parts: Parts, upload: Upload, file: BinaryIO) -> None:
+    """Stand where the upload stands. Raises `UploadConflict` where another has moved it since it was looked up."""
+    if look_up(parts, upload.id, upload.owner).received != upload.received:
+        raise UploadConflict("somebody else has continued the upload.", hint="Ask for its offset and go on from there.")
+    file.truncate(upload.received)
+    file.seek(upload.received)
+
+
+def _settle(parts: Parts, upload: Upload, file: BinaryIO, end: int) -> None:
+    """Say in the database what has come, once it is on disk."""
+    sync(file)
+    complete = end == upload.length and upload.state != "complete"
+    digest = digest_of_file(file_of(parts.settings, upload.id)) if complete else None
+    if end > upload.received or digest is not None:
+        work = partial(advance, upload_id=upload.id, start=upload.received, end=end, digest=digest)
+        parts.store.write(work)
 
 
 def look_up(parts: Parts, upload_id: str, owner: str) -> Upload:

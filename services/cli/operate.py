@@ -1,17 +1,16 @@
 """`fsck` and `workers`: what an operator asks of the database itself, with the settings that the service has."""
 
 import json
-from collections.abc import Callable, Sequence
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from nerfmodal.errors import InvalidInput
-from scanjobs import workers
 from scanjobs.settings import Settings
-from scanjobs.tables import Worker
-from sqlalchemy.orm import Session
 
-Verb = Callable[[Session, Sequence[str]], None]
+if TYPE_CHECKING:  # sqlalchemy takes long to import
+    from scanjobs.tables import Worker
+
 Names = Annotated[list[str], typer.Argument(help="Worker ids, or the first letters of one; `all` is every worker.")]
 AsJson = Annotated[bool, typer.Option("--json", help="For machines.")]
 EVERY = "all"
@@ -53,33 +52,36 @@ def list_(as_json: AsJson = False) -> None:
 @app.command(epilog="Example: nerfmodal workers pause all")
 def pause(names: Names) -> None:
     """Take no more steps; what is computed is finished, and the worker stays."""
-    _do(workers.pause, names)
+    _do("pause", names)
 
 
 @app.command(epilog="Example: nerfmodal workers resume all")
 def resume(names: Names) -> None:
     """Take steps again."""
-    _do(workers.resume, names)
+    _do("resume", names)
 
 
 @app.command(epilog="Example: nerfmodal workers drain 01a20466")
 def drain(names: Names) -> None:
     """Give the steps under way back, with what they have saved, and end."""
-    _do(workers.drain, names)
+    _do("drain", names)
 
 
-def _present() -> tuple[Worker, ...]:
+def _present() -> "tuple[Worker, ...]":
     from scanjobs.store import open_store
+    from scanjobs.workers import present_workers
 
     with open_store(Settings().database).read() as session:
-        return workers.present_workers(session)
+        return present_workers(session)
 
 
-def _do(verb: Verb, names: Sequence[str]) -> None:
+def _do(verb: Literal["pause", "resume", "drain"], names: Sequence[str]) -> None:
+    from scanjobs import workers
     from scanjobs.store import open_store
 
     chosen = _chosen(names)
-    open_store(Settings().database).write(lambda session: verb(session, chosen))
+    ask = {"pause": workers.pause, "resume": workers.resume, "drain": workers.drain}[verb]
+    open_store(Settings().database).write(lambda session: ask(session, chosen))
 
 
 def _chosen(names: Sequence[str]) -> list[str]:

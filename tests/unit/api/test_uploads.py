@@ -10,7 +10,7 @@ from httpx2 import Response
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scanjobs.account_tables import Upload
-from scanjobs.uploads import file_of, opened_at, remove_expired
+from scanjobs.uploads import file_of, held, remove_expired
 from sqlalchemy import update
 
 from tests.unit.api.service import Service
@@ -96,7 +96,7 @@ def test_bytes_with_another_checksum_are_refused_and_not_kept(service: Service, 
 
 
 def test_bytes_behind_what_was_confirmed_count_for_nothing(service: Service) -> None:
-    """A power failure between the bytes and the row: guard: `truncate` in `opened_at`."""
+    """A power failure between the bytes and the row: guard: `truncate` in `_begin`."""
     where = begin(service, 6).headers["Location"]
     send(service, where, 0, b"abc")
     with file_of(service.settings, where.rsplit("/", 1)[1]).open("ab") as file:
@@ -108,7 +108,7 @@ def test_bytes_behind_what_was_confirmed_count_for_nothing(service: Service) -> 
 def test_two_who_send_the_same_bytes_do_not_mix(service: Service) -> None:
     where = begin(service, 6).headers["Location"]
     path = file_of(service.settings, where.rsplit("/", 1)[1])
-    with opened_at(path, 0):
+    with held(path):
         answer = send(service, where, 0, b"abcdef")
     assert (answer.status_code, answer.json()["code"]) == (423, "UPLOAD_BUSY")
 
