@@ -46,7 +46,7 @@ class Reason(Enum):
     HARMONIC = "The frequency is a combination of stronger modes."
     FIT_RESIDUAL_HIGH = "The mode stands little above the residual of the fit."
     DRIFT = "The residual is correlated from frame to frame: intervals are optimistic."
-    WEAK = "The mode carries less than two per cent of the strongest one."
+    WEAK = "The mode has less than two per cent of the strongest one, or a tenth where no other method finds it."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,6 +15,8 @@ COMBINATION_HZ = 0.08
 COMBINATION_SDS = 3.0
 COMBINATION_SHARE = 0.20
 WEAK_SHARE = 0.02
+LONELY_SHARE = 0.1
+"""A mode that no other method finds must be stronger, as a share of the strongest."""
 FEWEST_PERIODS = 2.0
 ALIAS_SHARE = 0.45
 NEGATIVE_SDS = 3.0
@@ -36,9 +38,10 @@ def combination_lines(
     deviations: Float[np.ndarray, " modes"],
     amplitudes: Float[np.ndarray, " modes"],
 ) -> list[bool]:
-    """Which lines lie at |f_a ± f_b| (2f included) of two lines that are both five times stronger."""
+    """Which lines lie at |f_a ± f_b| (2f included) of two lines, or at 3f of one, that are five times stronger."""
     return [
-        any(
+        _is_third(line, frequencies, deviations, amplitudes)
+        or any(
             _meets(frequencies[line], frequencies[a], frequencies[b], deviations[line])
             for a in range(len(frequencies))
             for b in range(a, len(frequencies))
@@ -46,6 +49,17 @@ def combination_lines(
         )
         for line in range(len(frequencies))
     ]
+
+
+def _is_third(
+    line: int,
+    frequencies: Float[np.ndarray, " modes"],
+    deviations: Float[np.ndarray, " modes"],
+    amplitudes: Float[np.ndarray, " modes"],
+) -> bool:
+    within = max(COMBINATION_HZ, COMBINATION_SDS * float(deviations[line]))
+    stronger = amplitudes[line] < COMBINATION_SHARE * amplitudes
+    return bool(np.any(stronger & (np.abs(3 * frequencies - frequencies[line]) <= within)))
 
 
 def _meets(line: float, first: float, second: float, deviation: float) -> bool:
@@ -79,7 +93,7 @@ def reasons_of(
         Reason.ALIAS_SUSPECT: frequency > ALIAS_SHARE * frame_rate,
         Reason.NEGATIVE_DAMPING: damping_ratio < min(-NEGATIVE_SDS * damping_std, NEGATIVE_DAMPING),
         Reason.LOW_MPC: mpc < LOWEST_MPC,
-        Reason.WEAK: amplitude < WEAK_SHARE * strongest,
+        Reason.WEAK: amplitude < (WEAK_SHARE if agreement is not None else LONELY_SHARE) * strongest,
         Reason.FIT_RESIDUAL_HIGH: amplitude < LOWEST_TO_RESIDUAL * residual,
         Reason.DRIFT: lag_one > DRIFT_LAG,
         Reason.METHODS_DISAGREE: agreement is None,

@@ -70,3 +70,17 @@ def test_a_strong_line_is_a_mode_wherever_it_stands() -> None:
 
 def test_a_line_beside_the_combination_is_a_mode() -> None:
     assert lines((2.0, 0.03), (4.2, 0.001)) == [False, False]
+
+
+def test_three_times_a_strong_line_is_no_mode() -> None:
+    """A trunk's swing of 35 mm at 1 Hz: its third harmonic was read at 3.055 +- 0.026 Hz."""
+    assert lines((1.0, 0.035), (3.055, 0.0027)) == [False, True]
+    assert lines((1.0, 0.035), (3.055, 0.02)) == [False, False]
+    assert lines((1.0, 0.035), (3.2, 0.0027)) == [False, False]
+
+
+def test_a_faint_mode_that_no_other_method_finds_is_doubtful() -> None:
+    lonely = reasons(amplitude=0.0015, agreement=None)
+    assert lonely == (Reason.WEAK, Reason.METHODS_DISAGREE)
+    assert verdict_of(lonely, 10.0) is Verdict.DOUBTFUL
+    assert reasons(amplitude=0.0015) == ()
