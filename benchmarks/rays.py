@@ -40,7 +40,16 @@ def roofline_rows(film: Film) -> Iterator[Row]:
     samples = _samples_per_ray(field, views, rng.integers(0, views.pixels, 16 * RAYS))
 
     def train() -> None:
-        grid.train(field, views, None, lambda: next(draws), BATCHES, rng, Course(BATCHES, _silent), rates=grid.Rates())
+        grid.train(
+            field,
+            views,
+            None,
+            lambda: next(draws),
+            BATCHES,
+            rng,
+            Course(BATCHES, lambda _done, _of, _message: None),
+            rates=grid.Rates(),
+        )
 
     train()
     began = perf_counter()
