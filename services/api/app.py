@@ -21,6 +21,7 @@ from services.api.openapi import document_refusals
 from services.api.routes import (
     artifacts,
     captures,
+    console,
     events,
     forks,
     health,
@@ -48,6 +49,7 @@ ROUTES = (
     info,
     health,
     metrics,
+    console,
 )
 DESCRIPTION = """Scans of vibrating plants and structures: pictures or point clouds in, natural frequencies, damping
 ratios and mode shapes out. Refusals are problem+json (RFC 9457) with a stable `code`."""
