@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from nerfmodal.bounds import cramer_rao
 from nerfmodal.identify import identify
 from nerfmodal.identify.comparison import truth_at_sensors
 from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.sinusoids import fit_sinusoids
-from nerfmodal.identify.uncertainty import cramer_rao
 from nerfmodal.spec import IdentificationSpec, OrganSpec
 from nerfmodal.surface import measure_organ
 from nerfmodal.types import OrganResult, PointCloud, Reason, TrueMode

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nerfmodal.bounds import ambient_deviations, cramer_rao
 from nerfmodal.identify.assemble import build_model, energy_shares
 from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.readings import Consensus, Reading, Record, consensus
-from nerfmodal.identify.subspace import ambient_deviations
-from nerfmodal.identify.uncertainty import cramer_rao
 from nerfmodal.identify.verdicts import ALIAS_SHARE, FEWEST_PERIODS
 from nerfmodal.types import ModalModel, ModeQuality, Reason, Verdict
 

@@ -3,7 +3,7 @@
 The covariances R_1 … R_2i of the scores fill a block Toeplitz matrix; its factors hold the state matrix, whose
 eigenvalues are the poles. Poles that stay as the order grows (frequency within 2 %, damping within 50 %, MAC above
 0.95) are modes, the others are noise. Source: Van Overschee and De Moor (1996); Peeters and De Roeck (1999).
-Uncertainty: Au (2014), long-data laws.
+Uncertainty: `bounds.ambient_deviations`.
 """
 
 from collections.abc import Sequence
@@ -138,16 +138,6 @@ def at_frames(
     grid = displacement.times[0] + np.arange(len(even)) / displacement.frame_rate
     series = [np.interp(displacement.times, grid, each) for each in even.T]
     return np.array(series).reshape(even.shape[1], len(displacement.times)).T
-
-
-def ambient_deviations(frequency: float, damping_ratio: float, duration: float) -> tuple[float, float]:
-    """Standard deviations (Hz, ratio) that a record of ambient vibration of this length (s) cannot beat.
-
-    Au's laws for long records: (sd f / f)² = ζ / (2π N) and (sd ζ / ζ)² = 1 / (2π ζ N) with N periods in the record.
-    """
-    ratio, periods = max(damping_ratio, 1e-4), max(frequency * duration, 1e-9)
-    frequency_sd = frequency * np.sqrt(ratio / (2 * np.pi * periods))
-    return float(frequency_sd), float(ratio / np.sqrt(2 * np.pi * ratio * periods))
 
 
 def _refined(groups: list[list[Pole]], coordinates: np.ndarray, frame_rate: float) -> np.ndarray:

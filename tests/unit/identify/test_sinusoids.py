@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from nerfmodal.bounds import cramer_rao
 from nerfmodal.identify.lines import candidate_grid, column_derivatives, damped_columns, find_line
 from nerfmodal.identify.metrics import mac
 from nerfmodal.identify.shapes import rotate_to_real
 from nerfmodal.identify.sinusoids import SinusoidFit, fit_lines, fit_sinusoids, useful_channels
-from nerfmodal.identify.uncertainty import cramer_rao
 
 RATE = 30.0
 TIMES = np.arange(90) / RATE

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from nerfmodal.bounds import ambient_deviations
 from nerfmodal.identify import ambient, identify
 from nerfmodal.identify.ambient import pyoma_poles
 from nerfmodal.identify.excitation import excitation_of, recognise
 from nerfmodal.identify.metrics import mac
 from nerfmodal.identify.readings import Record
 from nerfmodal.identify.reduction import principal_axes
-from nerfmodal.identify.subspace import ambient_deviations, even_scores, read_poles, read_subspace, stabilise
+from nerfmodal.identify.subspace import even_scores, read_poles, read_subspace, stabilise
 from nerfmodal.identify.whittle import refine_resonance
 from nerfmodal.spec import IdentificationSpec
 from nerfmodal.types import Reason, Verdict
