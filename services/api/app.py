@@ -9,12 +9,14 @@ from scanjobs.artifacts import ArtifactStore
 from scanjobs.object_store import open_artifacts
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
+from starlette.concurrency import run_in_threadpool
 
 from services.api import errors
 from services.api.cursors import Cursors
 from services.api.deliveries import Deliveries
 from services.api.dependencies import Parts
 from services.api.doorkeeper import Doorkeeper
+from services.api.intake import Intake
 from services.api.middleware import BodyLimit, RequestIds
 from services.api.news import News
 from services.api.openapi import document_refusals
@@ -24,6 +26,7 @@ from services.api.routes import (
     console,
     events,
     forks,
+    frames,
     health,
     info,
     keys,
@@ -41,6 +44,7 @@ ROUTES = (
     steps,
     events,
     modes,
+    frames,
     artifacts,
     uploads,
     captures,
@@ -67,6 +71,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
         store=store,
         cursors=Cursors(store),
         news=News(store),
+        intake=Intake(store),
         artifacts=artifact_store or open_artifacts(settings),
     )
 
@@ -78,6 +83,7 @@ def create_app(settings: Settings, store: Store | None = None, artifact_store: A
         with suppress(asyncio.CancelledError):
             await delivering
         await parts.news.close()
+        await run_in_threadpool(parts.intake.close)
         if own:
             parts.store.close()
 

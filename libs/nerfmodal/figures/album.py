@@ -1,4 +1,4 @@
-"""All pictures of a scan as files: of the scan, of every organ, and a film of every mode."""
+"""All pictures of a scan as files: of the scan, of every organ with its numbers, and a film of every mode."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +9,7 @@ from nerfmodal.figures.cameras import camera_views, plant_views
 from nerfmodal.figures.clouds import cloud as draw_cloud
 from nerfmodal.figures.eigenvalues import eigenvalues
 from nerfmodal.figures.films import write_film
+from nerfmodal.figures.numbers import write_numbers
 from nerfmodal.figures.shapes import magnified_frames, mode_shapes
 from nerfmodal.figures.signals import modal_coordinates, principal_components
 from nerfmodal.figures.stabilisation import diagram_of, stabilisation
@@ -22,12 +23,13 @@ def draw(result: ScanResult, frame: Frame | None, cloud: PointCloud | None, fold
     """Draw every picture and film under `folder`, one at a time; returns the files written.
 
     `frame` and `cloud` are the first ones; without them their pictures are left out. The pictures of an organ are named
-    `<organ>_<what>.png`, the films `<organ>_mode_<k>.mp4` and `.gif`.
+    `<organ>_<what>.png`, their numbers `<organ>.json`, the films `<organ>_mode_<k>.mp4` and `.gif`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     pictures = [_write(folder / f"{name}.png", figure) for name, figure in _figures(result, frame, cloud)]
     films = [write_film(organ, k, folder) for organ in result.organs for k in range(len(organ.model.frequencies))]
-    return (*pictures, *(file for pair in films for file in pair))
+    tables = [write_numbers(organ, folder / f"{organ.organ}.json") for organ in result.organs]
+    return (*pictures, *tables, *(file for pair in films for file in pair))
 
 
 def _figures(result: ScanResult, frame: Frame | None, cloud: PointCloud | None) -> Iterator[tuple[str, Figure]]:
