@@ -10,14 +10,16 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from nerfmodal.spec import ScanSpec, SimulationSource
+from nerfmodal.spec import ScanSpec
 from sqlalchemy import Select, func, insert, or_, select
 from sqlalchemy.orm import Session, selectinload
-from sqlalchemy.orm.attributes import set_committed_value
 
 from scanjobs.clock import now_s
-from scanjobs.errors import IdempotencyConflict, InvalidCursor, NotFound
+from scanjobs.errors import InvalidCursor, NotFound
 from scanjobs.fanin import plant_rest, take_over_ready
+from scanjobs.intake import Idempotency as Idempotency
+from scanjobs.intake import Submission as Submission
+from scanjobs.intake import another_body, key_values, scan_values, tag_values
 from scanjobs.messages import EXTRACT, IDENTIFY, KINDS, READ, RENDER, TRAIN
 from scanjobs.plan import WHOLE_SCAN, first_steps
 from scanjobs.planting import plant
@@ -25,27 +27,11 @@ from scanjobs.settling import settle
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Event, IdempotencyKey, Scan, ScanTag, Step, Worker, table_of
 from scanjobs.tracing import present
-from scanjobs.transitions import born_scan
+from scanjobs.transitions import born_scans
 from scanjobs.uuids import new_id as new_id
 
 LOCAL_OWNER = "local"
 HIGHEST_LIMIT = 200
-
-
-@dataclass(frozen=True, slots=True)
-class Idempotency:
-    """A client's Idempotency-Key and the digest of the body it came with."""
-
-    key: str
-    body_digest: str
-
-
-@dataclass(frozen=True, slots=True)
-class Submission:
-    """The scan of a request; `created` is False when the same request had made it before."""
-
-    scan: Scan
-    created: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +77,11 @@ def insert_scan(
     idempotency: Idempotency | None = None,
     fork_of: Scan | None = None,
     deadline_s: float | None = None,
-    plan_later: bool = False,
 ) -> Submission:
-    """Store a scan with its plan, all or nothing.
+    """Store a scan with its plan, all or nothing; `intake` stores many whose plan may wait.
 
     `fork_of` lets it reuse the steps of that scan that have the same inputs. `deadline_s` counts from now and goes
-    before the specification's. With `plan_later` the rows of the steps are left to the next tick of any worker: the
-    plan follows from the specification, so what is promised by the commit is the same, at a twentieth of its price.
+    before the specification's.
 
     Raises
     ------
@@ -107,13 +91,8 @@ def insert_scan(
     before = _earlier_submission(session, owner, idempotency) if idempotency else None
     if before is not None:
         return Submission(before, created=False)
-    postponed = plan_later and fork_of is None and isinstance(spec.source, SimulationSource)
-    scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s, postponed)
-    born_scan(session, scan)
-    if postponed:
-        if idempotency is not None:
-            _remember(session, owner, idempotency, scan)
-        return Submission(scan, created=True)
+    scan = _insert_scan_row(session, spec, owner, priority, fork_of, deadline_s)
+    born_scans(session, [scan])
     if scan.frames is None:
         plant(session, scan, first_steps(spec))
         take_over_ready(session, scan)
@@ -225,47 +204,22 @@ def list_workers(session: Session) -> tuple[Worker, ...]:
 
 
 def _insert_scan_row(
-    session: Session,
-    spec: ScanSpec,
-    owner: str,
-    priority: int,
-    fork_of: Scan | None,
-    deadline_s: float | None,
-    postponed: bool,
+    session: Session, spec: ScanSpec, owner: str, priority: int, fork_of: Scan | None, deadline_s: float | None
 ) -> Scan:
-    """The row as the session holds it; of a postponed plan only what was written, which saves looking at it again."""
     scan_id = new_id()
     limit = spec.deadline_s if deadline_s is None else deadline_s
-    values = {
-        "id": scan_id,
-        "owner": owner,
+    values = scan_values(spec, scan_id, owner) | {
         "root_id": fork_of.root_id if fork_of else scan_id,
-        "name": spec.name,
-        "source_kind": spec.source.kind,
-        "spec": spec.model_dump(mode="json"),
-        "spec_digest": spec.digest(),
-        "plant": spec.plant.id if spec.plant else None,
-        "state": ScanState.QUEUED.value,
         "priority": priority,
-        "max_failed_frames": spec.max_failed_frames,
-        "frames": spec.source.frames if isinstance(spec.source, SimulationSource) else None,
-        "unplanted_from": 0 if postponed else None,
-        "generation": 0,
-        "version": 0,
-        "cancel_seq": 0,
+        "deadline_at": None if limit is None else now_s() + limit,
+        "created_at": now_s(),
         "traceparent": present(),
     }
-    times = {"deadline_at": None if limit is None else now_s() + limit, "created_at": now_s()}
-    inserted = insert(table_of(Scan)).values(values | times).returning(Scan.deadline_at, Scan.created_at)
-    deadline_at, created_at = session.execute(inserted).one()
-    tags = [{"scan_id": scan_id, "tag": tag} for tag in sorted(set(spec.tags))]
+    session.execute(insert(table_of(Scan)).values(values))
+    tags = tag_values(spec, scan_id)
     if tags:
         session.execute(insert(table_of(ScanTag)), tags)
-    if not postponed:
-        return get_scan(session, scan_id, owner=owner)
-    scan = Scan(**values, deadline_at=deadline_at, created_at=created_at)
-    set_committed_value(scan, "tags", [ScanTag(**row) for row in tags])
-    return scan
+    return get_scan(session, scan_id, owner=owner)
 
 
 def _earlier_submission(session: Session, owner: str, idempotency: Idempotency) -> Scan | None:
@@ -273,22 +227,13 @@ def _earlier_submission(session: Session, owner: str, idempotency: Idempotency) 
     if known is None:
         return None
     if known.body_digest != idempotency.body_digest:
-        raise IdempotencyConflict(
-            f"the Idempotency-Key {idempotency.key!r} came with another body before.",
-            hint="Use a new key for a new request.",
-        )
+        raise another_body(idempotency.key)
     return get_scan(session, known.scan_id, owner=owner)
 
 
 def _remember(session: Session, owner: str, idempotency: Idempotency, scan: Scan) -> None:
-    values = {
-        "owner": owner,
-        "key": idempotency.key,
-        "body_digest": idempotency.body_digest,
-        "scan_id": scan.id,
-        "created_at": now_s(),
-    }
-    session.execute(insert(IdempotencyKey).values(values))
+    values = key_values(owner, idempotency, scan.id) | {"created_at": now_s()}
+    session.execute(insert(table_of(IdempotencyKey)).values(values))
 
 
 def _page(session: Session, query: Select[Scan], limit: int) -> Page:

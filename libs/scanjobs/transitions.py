@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, insert, update
+from sqlalchemy import ColumnElement, insert, literal, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
@@ -94,9 +94,17 @@ def _move_group(
     return len(changed)
 
 
-def born_scan(session: Session, scan: Scan) -> None:
-    """Record the first state of a new scan."""
-    _record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted")])
+def born_scans(session: Session, scans: Sequence[Scan]) -> None:
+    """Record the first state of new scans."""
+    _record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted") for scan in scans])
+
+
+def born_queued(session: Session, scan_ids: Sequence[str], at: float) -> None:
+    """Record the first state of many new scans that are `queued`, in one statement."""
+    row = (Scan.id, literal(0), literal(ScanState.QUEUED.value), literal("submitted"), literal(at))
+    columns = ("scan_id", "generation", "to_state", "reason", "at")
+    born = select(*row).where(Scan.id.in_(scan_ids)).order_by(Scan.id)
+    session.execute(insert(table_of(Event)).from_select(columns, born))
 
 
 def born_steps(session: Session, steps: Sequence[Mapping[str, Any]], reason: str = "") -> None:

@@ -14,6 +14,7 @@ from scanjobs.store import Store
 
 from services.api.cursors import Cursors
 from services.api.errors import RequestRefused
+from services.api.intake import Intake
 from services.api.news import News
 
 
@@ -26,6 +27,7 @@ class Parts:
     artifacts: ArtifactStore
     cursors: Cursors
     news: News
+    intake: Intake
 
 
 async def parts_of(request: Request) -> Parts:
@@ -45,15 +47,16 @@ async def principal_of(request: Request) -> Principal:
 ThePrincipal = Annotated[Principal, Depends(principal_of)]
 
 
-async def current_owner(principal: ThePrincipal) -> str:
+async def current_owner(request: Request) -> str:
     """Whose scans the request may see."""
-    return principal.owner
+    return (await principal_of(request)).owner
 
 
-def owner_who_may(scope: Scope) -> Callable[[Principal, str], Awaitable[str]]:
+def owner_who_may(scope: Scope) -> Callable[[Request, str], Awaitable[str]]:
     """The owner, if the key may do this; 403 otherwise."""
 
-    async def allowed(principal: ThePrincipal, owner: Annotated[str, Depends(current_owner)]) -> str:
+    async def allowed(request: Request, owner: Annotated[str, Depends(current_owner)]) -> str:
+        principal = await principal_of(request)
         if not principal.may(scope):
             detail = f"This API key lacks the scope '{scope}'."
             raise RequestRefused(403, "FORBIDDEN", detail, hint=f"Use a key that has '{scope}'.")

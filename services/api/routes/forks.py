@@ -8,10 +8,11 @@ from fastapi.exceptions import RequestValidationError
 from nerfmodal.spec import ScanSpec
 from pydantic import ValidationError
 from scanjobs.control import delete_scan
-from scanjobs.repository import Idempotency, get_scan
+from scanjobs.intake import Idempotency
+from scanjobs.repository import get_scan
 
 from services.api.dependencies import ScanId, Submitter, TheParts
-from services.api.routes.scans import LOOK_AGAIN_S, Key, located, look, refuse_unstorable, store_scan
+from services.api.routes.scans import LOOK_AGAIN_S, Key, located, look, storable, store_scan
 from services.api.schemas import ScanDetail
 
 Changes = Annotated[
@@ -32,8 +33,8 @@ def fork(
     with parts.store.read() as session:
         parent = get_scan(session, scan_id, owner=owner)
     spec = changed(parent.spec, changes)
-    refuse_unstorable(spec)
-    digest = hashlib.sha256(f"fork {scan_id} {spec.digest()}".encode()).hexdigest()
+    _, digest = storable(spec)
+    digest = hashlib.sha256(f"fork {scan_id} {digest}".encode()).hexdigest()
     idempotency = Idempotency(key, digest) if key else None
     submission = store_scan(parts, located(parts, spec, owner), owner, idempotency, fork_of=parent)
     response.headers["Location"] = f"/v1/scans/{submission.scan.id}"

@@ -1,5 +1,6 @@
 """Scans: submit, look, list, cancel, retry. Whatever is answered with 2xx has been committed before."""
 
+import hashlib
 import json
 import math
 import re
@@ -11,10 +12,9 @@ from nerfmodal.spec import ScanSpec, SimulationSource
 from pydantic import Field
 from scanjobs.captures import locate_source
 from scanjobs.control import cancel_scan, retry_scan
+from scanjobs.intake import Asked, Idempotency, Submission
 from scanjobs.repository import (
     HIGHEST_LIMIT,
-    Idempotency,
-    Submission,
     get_scan,
     insert_scan,
     list_scans,
@@ -24,8 +24,10 @@ from scanjobs.repository import (
 )
 from scanjobs.store import Store
 from scanjobs.tables import Scan
+from scanjobs.tracing import present
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 
 from services.api.complaints import json_pointer
 from services.api.dependencies import Owner, Parts, ScanId, Submitter, TheParts
@@ -57,16 +59,22 @@ router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
 
 @router.post("", status_code=202)
-def submit(spec: ScanSpec, parts: TheParts, owner: Submitter, response: Response, key: Key = None) -> ScanDetail:
+async def submit(spec: ScanSpec, parts: TheParts, owner: Submitter, response: Response, key: Key = None) -> ScanDetail:
     """Start a scan. The answer names it at once; follow it at `Location`."""
-    refuse_unstorable(spec)
-    idempotency = Idempotency(key, spec.digest()) if key else None
-    submission = store_scan(parts, located(parts, spec, owner), owner, idempotency)
+    document, digest = storable(spec)
+    idempotency = Idempotency(key, digest) if key else None
+    if isinstance(spec.source, SimulationSource):
+        asked = Asked(
+            spec=spec, document=document, digest=digest, owner=owner, idempotency=idempotency, traceparent=present()
+        )
+        submission = await parts.intake.submit(asked)
+    else:
+        submission = await run_in_threadpool(_locate_and_store, parts, spec, owner, idempotency)
     response.headers["Location"] = f"/v1/scans/{submission.scan.id}"
     response.headers["Retry-After"] = LOOK_AGAIN_S
     if submission.created and submission.scan.unplanted_from == 0:
         return ScanDetail.of(submission.scan, summaries_of_plan(submission.scan))
-    return look(parts.store, submission.scan.id, owner)
+    return await run_in_threadpool(look, parts.store, submission.scan.id, owner)
 
 
 @router.get("")
@@ -116,12 +124,20 @@ def retry(
     return look(parts.store, scan_id, owner)
 
 
-def refuse_unstorable(spec: ScanSpec) -> None:
-    """Python's JSON reader takes what JSON and UTF-8 cannot hold: NaN, infinity (1e999) and half a surrogate."""
+def storable(spec: ScanSpec) -> tuple[dict[str, Any], str]:
+    """The specification as JSON, and its digest.
+
+    Refuses what Python's JSON reader takes and JSON and UTF-8 cannot hold: NaN, infinity (1e999), half a surrogate.
+    """
     try:
-        json.dumps(spec.model_dump(), allow_nan=False, ensure_ascii=False).encode()
+        document = spec.model_dump(mode="json")
+        text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+        data = text.encode()
     except ValueError:
         _refuse_leaf(spec)
+        raise
+    # canonical JSON escapes what is not ASCII; where there is none the text at hand is that of `ScanSpec.digest`
+    return document, hashlib.sha256(data).hexdigest() if text.isascii() else spec.digest()
 
 
 def _refuse_leaf(spec: ScanSpec) -> None:
@@ -156,13 +172,17 @@ def located(parts: Parts, spec: ScanSpec, owner: str) -> ScanSpec:
         return locate_source(session, parts.settings, spec, owner=owner)
 
 
+def _locate_and_store(parts: Parts, spec: ScanSpec, owner: str, idempotency: Idempotency | None) -> Submission:
+    return store_scan(parts, located(parts, spec, owner), owner, idempotency)
+
+
 def store_scan(
     parts: Parts, spec: ScanSpec, owner: str, idempotency: Idempotency | None, fork_of: Scan | None = None
 ) -> Submission:
-    """Commit the scan. Where another request has just used the key, the second try finds that scan."""
+    """Commit a scan with its plan. Where another request has just used the key, the second try finds that scan."""
 
     def work(session: Session) -> Submission:
-        return insert_scan(session, spec, owner=owner, idempotency=idempotency, fork_of=fork_of, plan_later=True)
+        return insert_scan(session, spec, owner=owner, idempotency=idempotency, fork_of=fork_of)
 
     try:
         return parts.store.write(work)
