@@ -7,7 +7,7 @@ import open3d as o3d
 from jaxtyping import Bool, Float
 from nerfmodal.geometry.cameras import unproject
 from nerfmodal.simulate import Plant
-from nerfmodal.simulate.motion import modal_coordinate
+from nerfmodal.simulate.excitation import modal_coordinate
 from nerfmodal.spec import modes_of
 from nerfmodal.types import DisplacementMatrix, Rig
 from numpy.polynomial import legendre

@@ -9,14 +9,27 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, get_args
 
-from nerfmodal.spec import CaptureSource, CloudsSource, ScanSpec, SimulationSource
+from nerfmodal.spec import (
+    AirPulse,
+    CameraDistance,
+    CaptureSource,
+    Checkerboard,
+    CloudsSource,
+    FreeDecay,
+    Harmonic,
+    PointDistance,
+    ScanSpec,
+    SimulationSource,
+    Wind,
+)
 from pydantic import BaseModel, ValidationError
 
-SOURCES: Mapping[str, type[BaseModel]] = {
-    "simulation": SimulationSource,
-    "capture": CaptureSource,
-    "clouds": CloudsSource,
+KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
+    "source": {"simulation": SimulationSource, "capture": CaptureSource, "clouds": CloudsSource},
+    "excitation": {"free_decay": FreeDecay, "harmonic": Harmonic, "wind": Wind, "pulse": AirPulse},
+    "scale": {"cameras": CameraDistance, "points": PointDistance, "checkerboard": Checkerboard},
 }
+"""Keys whose value says by `kind` what it is."""
 LEADING_KEY = re.compile(r"^(\w+(?:\[\d+\])?(?:\.\w+(?:\[\d+\])?)*)(?=: | = )(?:: )?")
 """The field a validator's message begins with: 'motion[0].frequency_hz = …' or 'organs: …'."""
 
@@ -32,7 +45,7 @@ REMEDIES: Mapping[str, str] = {
     "finite_number": "Give a finite number.",
     "literal_error": "Use one of: {expected}.",
     "union_tag_invalid": "Use one of: {expected_tags}.",
-    "union_tag_not_found": "Add 'kind': one of simulation, capture, clouds.",
+    "union_tag_not_found": "Add 'kind'.",
     "string_too_short": "Give at least {min_length} character.",
     "string_too_long": "Give at most {max_length} characters.",
     "string_pattern_mismatch": "Use letters, digits, '_', '.' and '-', beginning with a letter or digit.",
@@ -110,23 +123,33 @@ def _complaint(row: Mapping[str, Any]) -> Complaint:
     if row["type"] == "extra_forbidden":
         return Complaint(pointer=json_pointer(path), message="is no key of a scan.", hint=_keys_there(row["loc"]))
     if str(row["type"]).startswith("union_tag"):
-        path = (*path, "kind")
+        return _untold_kind(path, row)
     return Complaint(pointer=json_pointer(path), message=_message(row), hint=_remedy(row))
+
+
+def _untold_kind(path: tuple[str | int, ...], row: Mapping[str, Any]) -> Complaint:
+    key = str(path[-1]) if path else "source"
+    told = row["type"] == "union_tag_invalid"
+    hint = _remedy(row) if told else f"Add 'kind': one of {', '.join(KINDS.get(key, {}))}."
+    message = f"is no kind of {key}." if told else "is required."
+    return Complaint(pointer=json_pointer((*path, "kind")), message=message, hint=hint)
 
 
 def _message(row: Mapping[str, Any]) -> str:
     known = {
         "missing": "is required.",
-        "union_tag_not_found": "is required.",
-        "union_tag_invalid": "is no kind of source.",
     }
     text = str(row["msg"]).removeprefix("Input ").removeprefix("String ").removeprefix("Value ")
     return known.get(str(row["type"]), f"{text}.")
 
 
 def _without_tag(loc: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Pydantic puts the source's kind behind 'source'; the document has no such key."""
-    return loc[:1] + loc[2:] if loc[:1] == ("source",) and len(loc) > 1 and loc[1] in SOURCES else loc
+    """Pydantic puts the kind behind the key that has one ('source', 'simulation'); the document has no such key."""
+    return tuple(part for place, part in enumerate(loc) if not _is_kind(loc, place))
+
+
+def _is_kind(loc: tuple[str | int, ...], place: int) -> bool:
+    return place > 0 and str(loc[place]) in KINDS.get(str(loc[place - 1]), {})
 
 
 def _from_validator(path: tuple[str | int, ...], text: str) -> Complaint:
@@ -161,16 +184,17 @@ def _keys_of(model: type[BaseModel] | None) -> list[str]:
 def _model_at(path: Iterable[str | int]) -> type[BaseModel] | None:
     """The part of the specification that pydantic's path leads to."""
     model: type[BaseModel] | None = ScanSpec
-    for part in path:
+    way = tuple(path)
+    for place, part in enumerate(way):
         if isinstance(part, int) or model is None:
             continue
-        model = SOURCES[part] if part in SOURCES and model is ScanSpec else _below(model, part)
+        model = KINDS[str(way[place - 1])][part] if _is_kind(way, place) else _below(model, part)
     return model
 
 
 def _below(model: type[BaseModel], key: str) -> type[BaseModel] | None:
-    if key == "source":
-        return ScanSpec  # its kind comes next
+    if key in KINDS:
+        return model  # its kind comes next
     field = model.model_fields.get(key)
     return _first_model(field.annotation) if field else None
 

@@ -3,9 +3,11 @@
 from collections.abc import Callable
 
 from nerfmodal.geometry.cameras import semi_spherical_rig
-from nerfmodal.simulate.motion import check_organs, frame_times, plant_of, true_modes, vertices_at
-from nerfmodal.simulate.plants import Plant, acai
+from nerfmodal.simulate.motion import check_organs, frame_times, true_modes, vertices_at
+from nerfmodal.simulate.palm import acai
+from nerfmodal.simulate.plants import Plant
 from nerfmodal.simulate.stage import check_rig
+from nerfmodal.simulate.structures import plant_of
 from nerfmodal.spec import Box, OrganSpec, SimulationSource
 from nerfmodal.types import Frame
 

@@ -24,9 +24,10 @@ from PIL import Image
 
 from nerfmodal.errors import MissingExtra
 from nerfmodal.geometry.cameras import semi_spherical_rig
-from nerfmodal.simulate.motion import frame_times, plant_of, vertices_at
+from nerfmodal.simulate.motion import frame_times, vertices_at
 from nerfmodal.simulate.patches import grid_triangles
 from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, check_rig
+from nerfmodal.simulate.structures import plant_of
 from nerfmodal.spec import SimulationSource
 from nerfmodal.types import Camera, Frame, Mesh
 

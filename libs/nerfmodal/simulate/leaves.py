@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from nerfmodal.simulate.patches import Patch, grid_triangles, join, tube
+from nerfmodal.simulate.patches import Patch, grid_triangles, join, rod_masses, tube
 
 STATIONS = 7
 """Cross sections of a leaflet."""
@@ -17,6 +17,8 @@ FIRST_LEAFLET, LAST_LEAFLET = 0.13, 0.97
 """Where on the rachis leaflets stand: below is the bare petiole."""
 GREEN = np.array([0.10, 0.27, 0.045])
 STALK = np.array([0.22, 0.33, 0.08])
+DENSITY = 600.0
+"""kg/m³ of a rachis."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +34,8 @@ class LeafForm:
     """Width of a leaflet at its widest, as a share of the room it has."""
     sag: float = 0.25
     """How far the edge hangs below the rachis, as a share of the half width."""
+    leaflet_mass: float = 0.002
+    """kg"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +112,7 @@ def _leaflet(surface: LeafSurface, stand: float, side: int, random: np.random.Ge
         colors=_greens(t, random),
         along=s,
         across=y,
+        masses=np.full(len(s), form.leaflet_mass / len(s)),
     )
 
 
@@ -129,11 +134,13 @@ def _rachis(surface: LeafSurface) -> Patch:
     radii = 0.013 * (1 - s) + 0.0025
     across = np.tile(surface.sideways, (len(s), 1))
     sides = 6
-    vertices, triangles = tube(surface.rachis(s), radii, across, surface.normals(s), sides)
+    middle = surface.rachis(s)
+    vertices, triangles = tube(middle, radii, across, surface.normals(s), sides)
     return Patch(
         vertices=vertices,
         triangles=triangles,
         colors=np.repeat(STALK * (1 - 0.4 * s[:, None]) + 0.4 * s[:, None] * GREEN, sides, axis=0),
         along=np.repeat(s, sides),
-        across=(vertices - np.repeat(surface.rachis(s), sides, axis=0)) @ surface.sideways,
+        across=(vertices - np.repeat(middle, sides, axis=0)) @ surface.sideways,
+        masses=rod_masses(middle, np.pi * radii**2, DENSITY, sides),
     )

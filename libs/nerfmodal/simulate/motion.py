@@ -1,26 +1,21 @@
 """Imposed modes: what the simulated plant does, and so the truth that identification is compared with.
 
-Shapes live on organ coordinates (s along, y across); a modal coordinate is a free decay of an underdamped
-oscillator, q(t) = A exp(-zeta w t) cos(w sqrt(1 - zeta^2) t + phase). Kinematics are linear: x(t) = x0 + sum shape q.
-Leaves do not ride on the stem (the paper imposes them independently).
+Every organ moves in its own modes (see `shapes`, `kinematics`), each with a coordinate of its own (see `excitation`).
+Uncoupled, organs stand on a ground that stands still, as in the paper; coupled, they ride on what they grow from.
 """
+
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
 
 from nerfmodal.errors import InvalidSpec
-from nerfmodal.simulate.plants import OrganKind, Plant, acai
+from nerfmodal.simulate.excitation import coordinate_of
+from nerfmodal.simulate.kinematics import Sway, along_line, bent, bent_vertices, shifted, turned
+from nerfmodal.simulate.plants import Organ, Plant
+from nerfmodal.simulate.structures import plant_of
 from nerfmodal.spec import ImposedMode, SimulationSource, modes_of
 from nerfmodal.types import TrueMode
-
-BEAM_ROOTS = (1.8751040687119611, 4.694091132974175)
-"""Roots of cos(b) cosh(b) = -1: the clamped-free beam's eigenvalues."""
-DEFAULT_DIRECTIONS: dict[OrganKind, tuple[float, float, float]] = {"leaf": (0.0, 0.0, 1.0), "stem": (1.0, 0.0, 0.0)}
-
-
-def plant_of(source: SimulationSource) -> Plant:
-    """The structure that the source films, at rest."""
-    return {"acai": acai}[source.structure]()
 
 
 def frame_times(source: SimulationSource) -> Float[np.ndarray, " frames"]:
@@ -28,50 +23,42 @@ def frame_times(source: SimulationSource) -> Float[np.ndarray, " frames"]:
     return np.arange(source.frames) / source.frame_rate_hz
 
 
-def cantilever_shape(s: Float[np.ndarray, " points"], order: int) -> Float[np.ndarray, " points"]:
-    """Bending shape `order` (1 or 2) of a clamped-free uniform beam, 1 at its tip s = 1."""
-    b = BEAM_ROOTS[order - 1]
-    ratio = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
-
-    def raw(x: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-        return np.cosh(b * x) - np.cos(b * x) - ratio * (np.sinh(b * x) - np.sin(b * x))
-
-    return raw(s) / raw(np.ones(1))[0]
-
-
-def torsion_shape(s: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-    """First torsion of a clamped-free strip, y sin(pi s / 2), with its largest absolute value 1."""
-    raw = y * np.sin(np.pi * s / 2)
-    return raw / np.abs(raw).max()
-
-
-def modal_coordinate(mode: ImposedMode, times: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
-    """Free decay of the mode, metres, from t = 0."""
-    w, zeta = 2 * np.pi * mode.frequency_hz, mode.damping_ratio
-    phase = np.radians(mode.phase_deg)
-    return mode.amplitude_m * np.exp(-zeta * w * times) * np.cos(w * np.sqrt(1 - zeta**2) * times + phase)
-
-
 def true_modes(source: SimulationSource, times: Float[np.ndarray, " times"]) -> tuple[TrueMode, ...]:
-    """Every imposed mode of every organ it matches, at all vertices of the organ.
+    """Every mode of every organ at all of its vertices: its own, and those of what it rides on.
 
-    Raises `InvalidSpec` where a mode's organ matches none.
+    Of a rotation, shapes are those of a small motion. Raises `InvalidSpec` where a mode's organ matches none.
     """
     plant = plant_of(source)
     check_organs(source, plant)
-    return tuple(
-        _true_mode(plant, organ.name, organ.kind, mode, times)
-        for organ in plant.organs
-        for mode in modes_of(source.motion, organ.name)
-    )
+    return tuple(mode for organ in plant.organs for mode in _modes_on(source, plant, organ, times))
 
 
 def vertices_at(plant: Plant, source: SimulationSource, time: float) -> Float[np.ndarray, "vertices 3"]:
     """Positions of all vertices of the plant at `time` seconds, metres."""
     moved = plant.mesh.vertices.copy()
-    for mode in true_modes(source, np.array([time])):
+    now = np.array([time])
+    if source.kinematics == "rotation":
+        for organ in plant.organs:
+            moved[plant.belongs(organ.name)] = _rotated(source, plant, organ, now)
+        return moved
+    for mode in true_modes(source, now):
         moved[plant.belongs(mode.organ)] += mode.shape * mode.coordinates[0]
     return moved
+
+
+def sways(source: SimulationSource, plant: Plant, organ: Organ) -> Iterator[tuple[ImposedMode, Sway]]:
+    """The organ's own modes and what they do."""
+    sway: Callable[[Plant, Organ, ImposedMode], Sway] = turned if source.kinematics == "rotation" else shifted
+    for mode in modes_of(source.motion, organ.name):
+        yield mode, sway(plant, organ, mode)
+
+
+def carriers(source: SimulationSource, plant: Plant, organ: Organ) -> Iterator[tuple[Organ, float]]:
+    """What the organ rides on, nearest first, and where along it; nothing unless the source is coupled."""
+    while source.coupled and organ.parent is not None:
+        parent = plant.organ(organ.parent)
+        yield parent, organ.at
+        organ = parent
 
 
 def check_organs(source: SimulationSource, plant: Plant) -> None:
@@ -86,27 +73,65 @@ def check_organs(source: SimulationSource, plant: Plant) -> None:
             )
 
 
+def _modes_on(
+    source: SimulationSource, plant: Plant, organ: Organ, times: Float[np.ndarray, " times"]
+) -> Iterator[TrueMode]:
+    points = plant.mesh.vertices[plant.belongs(organ.name)]
+    for mode, sway in sways(source, plant, organ):
+        yield _true_mode(
+            organ.name, mode.shape, mode, points, sway.points, coordinate_of(source, organ.name, mode, times)
+        )
+    for parent, at in carriers(source, plant, organ):
+        for mode, sway in sways(source, plant, parent):
+            shape = carried(points, parent, sway, at)
+            coordinate = coordinate_of(source, parent.name, mode, times)
+            yield _true_mode(organ.name, f"{parent.name} {mode.shape}", mode, points, shape, coordinate)
+
+
+def carried(
+    points: Float[np.ndarray, "points 3"], parent: Organ, sway: Sway, at: float
+) -> Float[np.ndarray, "points 3"]:
+    """Displacement of points that ride on `parent` at s = `at`, for a metre of its coordinate and a small motion."""
+    place = np.array([at])
+    arms = points - along_line(parent.line, place)
+    return along_line(sway.shifts, place) + np.cross(along_line(sway.turns, place), arms)
+
+
 def _true_mode(
-    plant: Plant, organ: str, kind: OrganKind, mode: ImposedMode, times: Float[np.ndarray, " times"]
+    organ: str,
+    name: str,
+    mode: ImposedMode,
+    points: Float[np.ndarray, "points 3"],
+    shape: Float[np.ndarray, "points 3"],
+    coordinates: Float[np.ndarray, " times"],
 ) -> TrueMode:
-    belongs = plant.belongs(organ)
-    direction = np.asarray(mode.direction or DEFAULT_DIRECTIONS[kind], dtype=float)
-    size = np.linalg.norm(direction)
-    shape = _shape(mode, plant.along[belongs], plant.across[belongs])
+    size = np.linalg.norm(shape, axis=1).max()
     return TrueMode(
         organ=organ,
-        name=mode.shape,
+        name=name,
         frequency=mode.frequency_hz,
         damping_ratio=mode.damping_ratio,
-        points=plant.mesh.vertices[belongs],
-        shape=shape[:, None] * direction / size,
-        coordinates=modal_coordinate(mode, times),
+        points=points,
+        shape=shape / size,
+        coordinates=coordinates * size,
     )
 
 
-def _shape(
-    mode: ImposedMode, s: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"]
-) -> Float[np.ndarray, " points"]:
-    if mode.shape == "torsion_1":
-        return torsion_shape(s, y)
-    return cantilever_shape(s, 1 if mode.shape == "bending_1" else 2)
+def _rotated(
+    source: SimulationSource, plant: Plant, organ: Organ, now: Float[np.ndarray, " one"]
+) -> Float[np.ndarray, "vertices 3"]:
+    """The organ's vertices, bent by itself, then carried by what it rides on."""
+    points = bent_vertices(plant, organ, bent(organ, _turns(source, plant, organ, now)))
+    for parent, at in carriers(source, plant, organ):
+        points = bent(parent, _turns(source, plant, parent, now)).carry(points, parent.line, at)
+    return points
+
+
+def _turns(
+    source: SimulationSource, plant: Plant, organ: Organ, now: Float[np.ndarray, " one"]
+) -> Float[np.ndarray, "stations 3"]:
+    """Rotation vectors of the organ's sections: those of its modes add up."""
+    turns = np.zeros_like(organ.line)
+    for mode, sway in sways(source, plant, organ):
+        turns += sway.turns * coordinate_of(source, organ.name, mode, now)[0]
+    return turns

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from nerfmodal.simulate.patches import Patch, tube
+from nerfmodal.simulate.patches import Patch, blotches, rod_masses, tube
 
 BARK = np.array([0.23, 0.19, 0.15])
 SHAFT = np.array([0.16, 0.27, 0.08])
+DENSITY = 450.0
+"""kg/m³ of a palm's stem."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +33,8 @@ def palm_stem(form: StemForm, random: np.random.Generator) -> Patch:
     s = np.linspace(0, 1, 101)
     sides = 20
     side, upper = np.tile([1.0, 0.0, 0.0], (len(s), 1)), np.tile([0.0, 1.0, 0.0], (len(s), 1))
-    vertices, triangles = tube(centerline(form, s), _radii(form, s), side, upper, sides)
+    middle, radii = centerline(form, s), _radii(form, s)
+    vertices, triangles = tube(middle, radii, side, upper, sides)
     cap = np.array([[0.0, 0.0, form.height + 0.01]])
     last = np.arange(len(vertices) - sides, len(vertices))
     lid = np.stack([last, np.roll(last, -1), np.full(sides, len(vertices))], axis=1)
@@ -42,7 +45,8 @@ def palm_stem(form: StemForm, random: np.random.Generator) -> Patch:
         triangles=np.concatenate([triangles, lid]),
         colors=_bark(form, closed, along, random),
         along=along,
-        across=closed[:, 0] - np.interp(along, s, centerline(form, s)[:, 0]),
+        across=closed[:, 0] - np.interp(along, s, middle[:, 0]),
+        masses=np.append(rod_masses(middle, np.pi * radii**2, DENSITY, sides), 0.0),
     )
 
 
@@ -76,13 +80,5 @@ def _bark(
     green = np.clip((s * form.height - form.height + form.shaft) / 0.02, 0, 1)[:, None]
     color = (1 - green) * BARK + green * SHAFT
     color = color * (1 - 0.65 * _ring_marks(form, s)[:, None])
-    blotches = _blotches(vertices, random)[:, None]
-    return np.clip(color * (1 + 0.45 * blotches * (1 - 0.6 * green)), 0, 1)
-
-
-def _blotches(vertices: Float[np.ndarray, "vertices 3"], random: np.random.Generator) -> Float[np.ndarray, " vertices"]:
-    """A smooth random field in about -1..1 with details of 3 to 15 cm."""
-    waves = random.normal(size=(48, 3))
-    waves *= (2 * np.pi / random.uniform(0.03, 0.15, size=(48, 1))) / np.linalg.norm(waves, axis=1, keepdims=True)
-    phases = random.uniform(0, 2 * np.pi, size=48)
-    return np.cos(vertices @ waves.T + phases).sum(axis=1) / 7.0
+    spots = blotches(vertices, random)[:, None]
+    return np.clip(color * (1 + 0.45 * spots * (1 - 0.6 * green)), 0, 1)

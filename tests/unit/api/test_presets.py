@@ -6,7 +6,7 @@ import pytest
 import yaml
 from nerfmodal.spec import ScanSpec, SimulationSource
 
-from services.api.presets import DEFAULT, PAPER, PRESETS
+from services.api.presets import DEFAULT, PAPER, PAPER_COUPLED, PAPER_OFF_BIN, PRESETS
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -39,3 +39,14 @@ def test_the_paper_preset_has_the_papers_numbers() -> None:
     assert isinstance(source, SimulationSource)
     assert (source.rig.cameras, source.rig.width_px, source.frames, source.frame_rate_hz) == (50, 1920, 90, 30)
     assert (PAPER.reconstruction.iterations, PAPER.reconstruction.fine_tune_iterations) == (17_000, 3_000)
+
+
+def test_the_papers_siblings_differ_in_one_thing_alone() -> None:
+    assert PAPER_COUPLED.source.model_copy(update={"coupled": False}) == PAPER.source
+    assert isinstance(PAPER.source, SimulationSource)
+    assert isinstance(PAPER_OFF_BIN.source, SimulationSource)
+    plain = [mode.model_copy(update={"frequency_hz": 1}) for mode in PAPER.source.motion]
+    assert [mode.model_copy(update={"frequency_hz": 1}) for mode in PAPER_OFF_BIN.source.motion] == plain
+    assert {mode.frequency_hz for mode in PAPER_OFF_BIN.source.motion} == {2.17, 4.83, 9.61, 1.07}
+    bins = {round(3 * mode.frequency_hz, 9) % 1 for mode in PAPER.source.motion}
+    assert bins == {0.0}

@@ -4,12 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from nerfmodal.errors import InvalidSpec
 from nerfmodal.geometry.frames import inside_box
-from nerfmodal.simulate import acai, default_organs, default_region
+from nerfmodal.simulate import acai, default_organs, default_region, palm
 from nerfmodal.simulate.leaves import LeafForm, LeafSurface
-from nerfmodal.simulate.motion import cantilever_shape
-from nerfmodal.simulate.plants import LEAF_ROOM_FROM, MOTION_ROOM
-from nerfmodal.spec import SimulationSource
+from nerfmodal.simulate.palm import LEAF_ROOM_FROM
+from nerfmodal.simulate.plants import MOTION_ROOM
+from nerfmodal.simulate.shapes import cantilever_shape
+from nerfmodal.spec import PalmSpec, SimulationSource
 
 SOURCE = SimulationSource(kind="simulation", frames=1, frame_rate_hz=30, motion=())
 LEAVES = tuple(f"leaf_{index}" for index in range(5))
@@ -22,14 +24,21 @@ def test_the_palm_is_as_high_and_wide_as_asked():
 
 
 def test_another_size_is_met_as_well():
-    sizes = np.ptp(acai(height=1.8, width=1.2, leaf_length=0.7).mesh.vertices, axis=0)
+    sizes = np.ptp(acai(PalmSpec(height_m=1.8, width_m=1.2, leaf_length_m=0.7)).mesh.vertices, axis=0)
     assert sizes[2] == pytest.approx(1.8, abs=1e-6)
     assert sizes[:2].max() == pytest.approx(1.2, abs=1e-5)
 
 
 def test_leaves_that_cannot_reach_the_width_are_refused():
-    with pytest.raises(ValueError, match="sign"):
-        acai(width=3.0)
+    with pytest.raises(InvalidSpec, match="m wide, not 3 m") as refusal:
+        acai(PalmSpec(width_m=3.0))
+    assert refusal.value.where == "/source/palm/width_m"
+
+
+def test_a_palm_without_room_for_a_stem_is_refused():
+    with pytest.raises(InvalidSpec, match="no stem") as refusal:
+        acai(PalmSpec(height_m=0.4))
+    assert refusal.value.where == "/source/palm/height_m"
 
 
 def test_the_rachis_has_its_length():
@@ -116,8 +125,8 @@ def test_default_organs_are_polynomial_leaves_and_a_cylinder():
 
 
 def test_a_plant_is_the_same_for_a_seed_and_another_for_another():
-    acai.cache_clear()
+    palm._grown.cache_clear()
     first = acai()
-    acai.cache_clear()
+    palm._grown.cache_clear()
     assert np.array_equal(first.mesh.vertices, acai().mesh.vertices)
-    assert not np.array_equal(first.mesh.vertices, acai(seed=1).mesh.vertices)
+    assert not np.array_equal(first.mesh.vertices, acai(PalmSpec(seed=1)).mesh.vertices)
