@@ -1,0 +1,45 @@
+/**
+ * Words for codes: kinds of steps here; reasons and outcomes as the service explains them.
+ */
+export const STEPS = {
+  "scan.inspect": "Look at the files",
+  "frame.render": "Make the pictures",
+  "frame.read": "Read the pictures",
+  "frame.train": "Train the fields",
+  "frame.extract": "Extract the points",
+  "scan.identify": "Identify the modes",
+};
+export const KINDS = Object.keys(STEPS);
+export const stepName = (kind) => STEPS[kind] ?? kind;
+
+/** Symbol beside the word, so that colour is never all there is. */
+export const SYMBOLS = {
+  queued: "◷",
+  pending: "◷",
+  ready: "◷",
+  sent: "◷",
+  running: "▶",
+  succeeded: "✓",
+  failed: "✕",
+  canceled: "⊘",
+  accepted: "✓",
+  doubtful: "?",
+  rejected: "✕",
+  open: "!",
+  acknowledged: "◐",
+  closed: "✓",
+  notice: "•",
+  warning: "▲",
+  critical: "◆",
+  missed: "✕",
+  submitted: "✓",
+  none: "–",
+};
+
+let loaded = null;
+
+/** Reasons and outcomes, fetched once. */
+export function words() {
+  loaded ??= fetch(new URL("../words.json", import.meta.url)).then((answer) => answer.json());
+  return loaded;
+}
