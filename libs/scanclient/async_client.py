@@ -144,6 +144,14 @@ class AsyncClient:
         answer = await self._send(calls.artifacts(scan))
         return tuple(Artifact.parse(row) for row in answer.json()["items"])
 
+    async def preflight(
+        self, spec: Mapping[str, Any], *, modes: Sequence[str] = (), noise_mm: float | None = None
+    ) -> dict[str, Any]:
+        """What a scan of this specification can find and will cost; nothing is started. Modes are 'HZ:DAMPING:MM'."""
+        call = calls.preflight(dict(spec), modes, noise_mm)
+        answer: dict[str, Any] = (await self._send(call)).json()
+        return answer
+
     async def presets(self) -> dict[str, Any]:
         """The specifications the service ships with, by name."""
         document: dict[str, Any] = (await self._send(calls.presets())).json()

@@ -131,6 +131,17 @@ def artifact(scan: str, name: str, *, start: int = 0, end: int | None = None) ->
     return Call(method="GET", path=_path(scan, "artifacts", *name.split("/")), headers=headers)
 
 
+def preflight(spec: dict[str, Any], modes: Sequence[str], noise_mm: float | None) -> Call:
+    """What a scan can find and will cost; nothing is started. Modes are 'HZ:DAMPING:MM'."""
+    params: Params = {"mode": list(modes)} if modes else {}
+    return Call(
+        method="POST",
+        path="/v1/preflight",
+        body=spec,
+        params=params if noise_mm is None else params | {"noise_mm": f"{noise_mm:g}"},
+    )
+
+
 def presets() -> Call:
     return Call(method="GET", path="/v1/presets")
 

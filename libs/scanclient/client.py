@@ -159,6 +159,14 @@ class Client:
         """Every file of the scan, the results first."""
         return tuple(Artifact.parse(row) for row in self._send(calls.artifacts(scan)).json()["items"])
 
+    def preflight(
+        self, spec: Mapping[str, Any], *, modes: Sequence[str] = (), noise_mm: float | None = None
+    ) -> dict[str, Any]:
+        """What a scan of this specification can find and will cost; nothing is started. Modes are 'HZ:DAMPING:MM'."""
+        call = calls.preflight(dict(spec), modes, noise_mm)
+        answer: dict[str, Any] = self._send(call).json()
+        return answer
+
     def presets(self) -> dict[str, Any]:
         """The specifications the service ships with, by name."""
         document: dict[str, Any] = self._send(calls.presets()).json()

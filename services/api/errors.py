@@ -142,7 +142,7 @@ def _on_validation(request: Request, error: Exception) -> JSONResponse:
     if rows[0]["type"] == "json_invalid":
         detail = f"The body is no JSON: {rows[0].get('ctx', {}).get('error', 'it cannot be parsed')}."
         return problem(request, 400, "INVALID_JSON", detail, hint="Send one JSON object.")
-    about_scan = "/scans" in request.url.path
+    about_scan = "/scans" in request.url.path or request.url.path == "/v1/preflight"
     found = complaints([{**row, "loc": row["loc"][1:]} for row in rows if row["loc"][0] == place], of_scan=about_scan)
     first = found[0]
     if place == "body":
