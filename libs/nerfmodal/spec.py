@@ -22,7 +22,7 @@ HIGHEST_SHARE_OF_FRAME_RATE = 0.45
 class Part(BaseModel):
     """A part of the specification: frozen, and unknown keys are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Box(Part):
