@@ -216,9 +216,19 @@ def identify(
 
 
 def write_truth(spec: ScanSpec, path: Path) -> None:
-    """What a simulation imposed, as `truth.npz` (`io.read_truth`); only comparison code opens it."""
+    """What a simulation knows, as `truth.npz` (`io.read_truth`, `io.read_scene`); only comparison code opens it."""
     if isinstance(spec.source, SimulationSource):
-        io.write_truth(path, simulate.true_modes(spec.source, np.array(frame_times(spec))))
+        modes = simulate.true_modes(spec.source, simulate.frame_times(spec.source))
+        io.write_truth(path, modes, simulate.true_scene(spec.source), simulate.true_positions(spec.source))
+
+
+def write_depths(spec: ScanSpec, index: int, path: Path) -> bool:
+    """The true depth maps of frame `index`, where a simulation is asked for them; says whether it is."""
+    source = spec.source
+    if not isinstance(source, SimulationSource) or not source.depth_maps:
+        return False
+    io.write_depths(path, *simulate.true_depths(source, index))
+    return True
 
 
 def publish(

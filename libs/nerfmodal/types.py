@@ -347,6 +347,11 @@ class TrueMode:
     shape: Float[np.ndarray, "points 3"]
     coordinates: Float[np.ndarray, " frames"]
 
+    @property
+    def damped_frequency(self) -> float:
+        """Hz."""
+        return float(self.frequency * np.sqrt(1 - self.damping_ratio**2))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mesh:
@@ -357,3 +362,17 @@ class Mesh:
     colors: Float[np.ndarray, "vertices 3"]
     organ: Int[np.ndarray, " vertices"] = field(repr=False)
     organs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueScene:
+    """What a simulation knows beside its modes and where its vertices went; only comparison code reads it.
+
+    `mesh` is at rest; `rig` has the poses that the pictures were taken from, whatever the frames say; `modal_masses`
+    (kg) belong to the modes.
+    """
+
+    mesh: Mesh
+    times: Float[np.ndarray, " frames"]
+    rig: Rig
+    modal_masses: Float[np.ndarray, " modes"]

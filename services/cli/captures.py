@@ -43,6 +43,7 @@ def write_capture(spec: ScanSpec, folder: Path, *, report: StageReport) -> int:
     entries: list[Entry] = []
     for index in range(source.frames):
         entries += _write_frame(pipeline.make_frame(spec, index, report=_nothing), folder)
+        pipeline.write_depths(spec, index, folder / "depths" / f"depth_{index:04d}.npz")
         report("render", Progress(done=index + 1, total=source.frames))
     _write_json(folder / "transforms.json", {"frame_rate_hz": source.frame_rate_hz, "frames": entries})
     pipeline.write_truth(spec, folder / "truth.npz")

@@ -7,7 +7,7 @@ from nerfmodal.io.frames import read_frame, write_frame
 from nerfmodal.io.results import read_result, write_result
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.io.sequences import CloudSequence, open_clouds
-from nerfmodal.io.truth import read_truth, write_truth
+from nerfmodal.io.truth import read_depths, read_positions, read_scene, read_truth, write_depths, write_truth
 
 __all__ = [
     "CloudSequence",
@@ -16,11 +16,15 @@ __all__ = [
     "open_clouds",
     "read_checkpoint",
     "read_cloud",
+    "read_depths",
     "read_frame",
+    "read_positions",
     "read_result",
+    "read_scene",
     "read_truth",
     "write_checkpoint",
     "write_cloud",
+    "write_depths",
     "write_frame",
     "write_result",
     "write_truth",

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from nerfmodal.simulate.plants import Organ, Plant
+from nerfmodal.simulate.plants import Organ, Plant, along_line
 from nerfmodal.simulate.plates import cantilever_plate
-from nerfmodal.simulate.shapes import cantilever_shape, cantilever_slope, shaft_twist, torsion_shape
+from nerfmodal.simulate.shapes import cantilever_shape, cantilever_slope, shaft_twist
 from nerfmodal.spec import ImposedMode
 
 
@@ -22,13 +22,22 @@ from nerfmodal.spec import ImposedMode
 class Sway:
     """What one metre of a mode's coordinate does, to first order.
 
-    `points` are displacements of the organ's vertices, the largest of length 1; `shifts` (m) and `turns` (rotation
-    vectors, radians) are those of the sections at the stations of its centreline.
+    `points` are displacements where it was asked; the largest of the organ's vertices is of length 1. `shifts` (m) and
+    `turns` (rotation vectors, radians) are those of the sections at the stations of its centreline.
     """
 
     points: Float[np.ndarray, "vertices 3"]
     shifts: Float[np.ndarray, "stations 3"]
     turns: Float[np.ndarray, "stations 3"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places:
+    """Points of an organ's surface at rest (world, metres) and their organ coordinates: s along, y metres across."""
+
+    points: Float[np.ndarray, "points 3"]
+    s: Float[np.ndarray, " points"]
+    y: Float[np.ndarray, " points"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,46 +56,39 @@ class Sections:
         return turn.apply(points - along_line(rest, place)) + along_line(self.line, place)
 
 
-def along_line(
-    values: Float[np.ndarray, "stations 3"], s: Float[np.ndarray, " points"]
-) -> Float[np.ndarray, "points 3"]:
-    """Values at equal steps of s in 0..1, at any s between."""
-    stations = np.linspace(0, 1, len(values))
-    return np.stack([np.interp(s, stations, values[:, axis]) for axis in range(3)], axis=1)
-
-
 def direction_of(organ: Organ, mode: ImposedMode) -> Float[np.ndarray, " 3"]:
     """Unit vector (world) that a positive coordinate moves along."""
     direction = np.asarray(mode.direction or organ.direction, dtype=float)
     return direction / np.linalg.norm(direction)
 
 
-def shifted(plant: Plant, organ: Organ, mode: ImposedMode) -> Sway:
-    """Linear kinematics: the shape times one direction; riders turn with the slope."""
-    belongs, direction = plant.belongs(organ.name), direction_of(organ, mode)
-    s, y = plant.along[belongs], plant.across[belongs]
+def shifted(plant: Plant, organ: Organ, mode: ImposedMode, points: Places | None = None) -> Sway:
+    """Linear kinematics: the shape times one direction; riders turn with the slope.
+
+    At the organ's vertices, or at other `points` of its surface.
+    """
+    own = _own(plant, organ)
+    places, direction = points or own, direction_of(organ, mode)
     stations, order = np.linspace(0, 1, len(organ.line)), int(mode.shape[-1])
-    middle = np.zeros(len(stations))
-    turns = np.zeros_like(organ.line)
+    middle, turns = np.zeros(len(stations)), np.zeros_like(organ.line)
     if mode.shape.startswith("bending"):
-        shape, middle = cantilever_shape(s, order), cantilever_shape(stations, order)
+        shape, middle = cantilever_shape(places.s, order), cantilever_shape(stations, order)
         turns = np.outer(cantilever_slope(stations, order) / organ.length, np.cross(organ.chord, direction))
     elif mode.shape.startswith("torsion"):
-        shape = torsion_shape(s, y, order)
-        turns = np.outer(shaft_twist(stations, order) / np.abs(y).max(), organ.chord)
+        largest = np.abs(own.y * shaft_twist(own.s, order)).max()
+        shape = places.y * shaft_twist(places.s, order) / largest
+        turns = np.outer(shaft_twist(stations, order) / largest, organ.chord)
     else:
-        half = np.abs(y).max()
-        plate = cantilever_plate(round(2 * half / organ.length, 9))
-        shape = plate.shape(s, y / half, order)
-        turns = np.outer(np.gradient(plate.shape(stations, np.ones_like(stations), order), stations), organ.chord)
-        turns /= organ.length
+        half = np.abs(own.y).max()
+        shape = cantilever_plate(round(2 * half / organ.length, 9)).shape(places.s, places.y / half, order)
     return Sway(points=np.outer(shape, direction), shifts=np.outer(middle, direction), turns=turns)
 
 
-def turned(plant: Plant, organ: Organ, mode: ImposedMode) -> Sway:
-    """Rotation to first order: sections turn about the axis across the member and the direction, or about itself."""
-    belongs = plant.belongs(organ.name)
-    s, vertices = plant.along[belongs], plant.mesh.vertices[belongs]
+def turned(plant: Plant, organ: Organ, mode: ImposedMode, points: Places | None = None) -> Sway:
+    """Rotation to first order: sections turn about the axis across the member and the direction, or about itself.
+
+    At the organ's vertices, or at other `points` of its surface.
+    """
     stations, order = np.linspace(0, 1, len(organ.line)), int(mode.shape[-1])
     if mode.shape.startswith("torsion"):
         turns = shaft_twist(stations, order)[:, None] * organ.tangents
@@ -95,9 +97,19 @@ def turned(plant: Plant, organ: Organ, mode: ImposedMode) -> Sway:
         turns = np.outer(cantilever_slope(stations, order) / organ.length, axis / np.linalg.norm(axis))
     steps = np.cross((turns[1:] + turns[:-1]) / 2, np.diff(organ.line, axis=0))
     shifts = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    points = along_line(shifts, s) + np.cross(along_line(turns, s), vertices - along_line(organ.line, s))
-    size = np.linalg.norm(points, axis=1).max()
-    return Sway(points=points / size, shifts=shifts / size, turns=turns / size)
+
+    def moved(places: Places) -> Float[np.ndarray, "points 3"]:
+        arms = places.points - along_line(organ.line, places.s)
+        return along_line(shifts, places.s) + np.cross(along_line(turns, places.s), arms)
+
+    own = _own(plant, organ)
+    size = np.linalg.norm(moved(own), axis=1).max()
+    return Sway(points=moved(points or own) / size, shifts=shifts / size, turns=turns / size)
+
+
+def _own(plant: Plant, organ: Organ) -> Places:
+    belongs = plant.belongs(organ.name)
+    return Places(points=plant.mesh.vertices[belongs], s=plant.along[belongs], y=plant.across[belongs])
 
 
 def bent(organ: Organ, turns: Float[np.ndarray, "stations 3"]) -> Sections:

@@ -4,15 +4,16 @@ Every organ moves in its own modes (see `shapes`, `kinematics`), each with a coo
 Uncoupled, organs stand on a ground that stands still, as in the paper; coupled, they ride on what they grow from.
 """
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
 
-from nerfmodal.errors import InvalidSpec
-from nerfmodal.simulate.excitation import coordinate_of
-from nerfmodal.simulate.kinematics import Sway, along_line, bent, bent_vertices, shifted, turned
-from nerfmodal.simulate.plants import Organ, Plant
+from nerfmodal.simulate.excitation import coordinate_of, largest_swing
+from nerfmodal.simulate.kinematics import Places, Sway, bent, bent_vertices, shifted, turned
+from nerfmodal.simulate.plants import Organ, Plant, along_line
+from nerfmodal.simulate.refusals import check_organs
 from nerfmodal.simulate.structures import plant_of
 from nerfmodal.spec import ImposedMode, SimulationSource, modes_of
 from nerfmodal.types import TrueMode
@@ -46,11 +47,54 @@ def vertices_at(plant: Plant, source: SimulationSource, time: float) -> Float[np
     return moved
 
 
+def reach(source: SimulationSource, organ: str) -> float:
+    """How far (m) a point of the organ may go: its own modes and those of what it rides on, all at once."""
+    plant = plant_of(source)
+    chosen = plant.organ(organ)
+    far = math.fsum(largest_swing(mode, source.excitation) for mode in modes_of(source.motion, organ))
+    points = plant.mesh.vertices[plant.belongs(organ)]
+    for parent, at in carriers(source, plant, chosen):
+        for mode, sway in sways(source, plant, parent):
+            moved = np.linalg.norm(carried(points, parent, sway, at), axis=1).max()
+            far += float(moved) * largest_swing(mode, source.excitation)
+    return far
+
+
+def shape_at(
+    source: SimulationSource, organ: str, points: Float[np.ndarray, "points 3"]
+) -> dict[str, Float[np.ndarray, "points 3"]]:
+    """The organ's own true shapes at any `points` of its surface (rest, world, metres), by the name of the mode.
+
+    Scaled as `true_modes` scales them: the largest displacement of a vertex is 1.
+    """
+    plant = plant_of(source)
+    chosen = plant.organ(organ)
+    s, y = chosen.locate(points)
+    places = Places(points=points, s=s, y=y)
+    sway = _sway(source)
+    return {mode.shape: sway(plant, chosen, mode, places).points for mode in modes_of(source.motion, organ)}
+
+
+def modal_masses(source: SimulationSource) -> Float[np.ndarray, " modes"]:
+    """Kilograms that move in each of `true_modes` where the largest displacement is 1: the sum of m |shape|²."""
+    plant = plant_of(source)
+    return np.array(
+        [
+            plant.masses[plant.belongs(mode.organ)] @ (mode.shape**2).sum(axis=1)
+            for mode in true_modes(source, np.zeros(1))
+        ]
+    )
+
+
 def sways(source: SimulationSource, plant: Plant, organ: Organ) -> Iterator[tuple[ImposedMode, Sway]]:
     """The organ's own modes and what they do."""
-    sway: Callable[[Plant, Organ, ImposedMode], Sway] = turned if source.kinematics == "rotation" else shifted
+    sway = _sway(source)
     for mode in modes_of(source.motion, organ.name):
-        yield mode, sway(plant, organ, mode)
+        yield mode, sway(plant, organ, mode, None)
+
+
+def _sway(source: SimulationSource) -> Callable[[Plant, Organ, ImposedMode, Places | None], Sway]:
+    return turned if source.kinematics == "rotation" else shifted
 
 
 def carriers(source: SimulationSource, plant: Plant, organ: Organ) -> Iterator[tuple[Organ, float]]:
@@ -59,18 +103,6 @@ def carriers(source: SimulationSource, plant: Plant, organ: Organ) -> Iterator[t
         parent = plant.organ(organ.parent)
         yield parent, organ.at
         organ = parent
-
-
-def check_organs(source: SimulationSource, plant: Plant) -> None:
-    """Refuse a mode whose organ matches nothing. Raises `InvalidSpec`."""
-    names = [organ.name for organ in plant.organs]
-    for index, mode in enumerate(source.motion):
-        if not any(modes_of((mode,), name) for name in names):
-            raise InvalidSpec(
-                f"'{mode.organ}' matches no organ of '{source.structure}'.",
-                where=f"/source/motion/{index}/organ",
-                hint=f"Its organs are {', '.join(names)}; a glob such as 'leaf_*' names several.",
-            )
 
 
 def _modes_on(

@@ -52,6 +52,7 @@ def _grown(form: PalmSpec) -> Plant:
             kind="leaf",
             region=flat_region(_outer(leaf), surface.yaw),
             line=surface.rachis(s) + up,
+            side=surface.sideways,
             parent="trunk",
         )
         for index, (leaf, surface) in enumerate(zip(raised, surfaces, strict=True))
@@ -61,6 +62,7 @@ def _grown(form: PalmSpec) -> Plant:
         kind="stem",
         region=upright_region(stem, top - 0.02),
         line=centerline(shape, s),
+        side=np.array([1.0, 0.0, 0.0]),
         direction=(1.0, 0.0, 0.0),
     )
     return assemble([*raised, stem], (*leaves, trunk))

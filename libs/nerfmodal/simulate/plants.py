@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
 
 from nerfmodal.geometry.frames import frame_of_box
 from nerfmodal.simulate.patches import Patch, join
@@ -30,14 +31,16 @@ GROUND_ROOM = 0.02
 class Organ:
     """A part of a structure that has modes of its own, and the box its points stay in.
 
-    `line` is its centreline at rest, from the fixed end to the tip at equal steps of s; `parent` is what it grows
-    from, at s = `at` there; `direction` is along which it moves where a mode does not say.
+    `line` is its centreline at rest, from the fixed end to the tip at equal steps of s, `side` the unit vector across
+    it that +y points along; `parent` is what it grows from, at s = `at` there; `direction` is along which it moves
+    where a mode does not say.
     """
 
     name: str
     kind: OrganKind
     region: OrientedBox
     line: Float[np.ndarray, "stations 3"]
+    side: Float[np.ndarray, " 3"]
     parent: str | None = None
     at: float = 1.0
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -58,6 +61,23 @@ class Organ:
         """Unit vectors along the centreline."""
         steps = np.gradient(self.line, axis=0)
         return np.asarray(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+
+    def locate(
+        self, points: Float[np.ndarray, "points 3"]
+    ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+        """Organ coordinates of points on its surface (world, metres): s along and y across in metres."""
+        nearest = np.asarray(cKDTree(self.line).query(points)[1])
+        ahead = ((points - self.line[nearest]) * self.tangents[nearest]).sum(axis=1)
+        s = np.clip(nearest / (len(self.line) - 1) + ahead / self.length, 0.0, 1.0)
+        return s, (points - along_line(self.line, s)) @ self.side
+
+
+def along_line(
+    values: Float[np.ndarray, "stations 3"], s: Float[np.ndarray, " points"]
+) -> Float[np.ndarray, "points 3"]:
+    """Values at equal steps of s in 0..1, at any s between."""
+    stations = np.linspace(0, 1, len(values))
+    return np.stack([np.interp(s, stations, values[:, axis]) for axis in range(3)], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

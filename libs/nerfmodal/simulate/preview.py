@@ -58,6 +58,24 @@ def render_views(
     return np.stack(pictures)
 
 
+def depth_maps(
+    mesh: Mesh, vertices: Float[np.ndarray, "vertices 3"], cameras: tuple[Camera, ...]
+) -> Float[np.ndarray, "cameras height width"]:
+    """Metres along the optical axis to the plant or the ground behind each pixel's centre, infinite in the sky.
+
+    Raises `MissingExtra`.
+    """
+    scene = _Scene(mesh, vertices)
+    return np.stack([_depths(scene, camera) for camera in cameras])
+
+
+def _depths(scene: "_Scene", camera: Camera) -> Float[np.ndarray, "height width"]:
+    directions = unproject(camera, pixel_centers(camera))
+    origins = np.tile(camera.camera_to_world[:3, 3], (len(directions), 1))
+    ahead = directions @ -camera.camera_to_world[:3, 2]
+    return np.asarray(scene.distances(origins, directions) * ahead).reshape(camera.height, camera.width)
+
+
 def subpixels(samples: int) -> Float[np.ndarray, "samples 2"]:
     """Offsets of a pixel's rays from its centre: the R2 sequence, even for any number, with mean near zero."""
     golden = 1.32471795724474602596
@@ -100,6 +118,14 @@ class _Scene:
         spots = origins[plant_first] + seen * plant_depth[plant_first, None]
         colors[plant_first] = (self._colors[corners] * weights).sum(axis=1) * self._light(spots, normals)
         return colors
+
+    def distances(
+        self, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+    ) -> Float[np.ndarray, " rays"]:
+        """Metres to the plant or the ground, infinite where rays meet neither."""
+        plant = self._cast(origins, directions)["t_hit"].numpy().astype(float)
+        on_ground, ground = _meet_ground(origins, directions)
+        return np.minimum(plant, np.where(on_ground, ground, np.inf))
 
     def _light(
         self, spots: Float[np.ndarray, "rays 3"], normals: Float[np.ndarray, "rays 3"]

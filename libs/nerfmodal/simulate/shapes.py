@@ -28,14 +28,6 @@ def shaft_twist(s: Float[np.ndarray, " points"], order: int = 1) -> Float[np.nda
     return np.asarray(np.sin((2 * order - 1) * np.pi * s / 2))
 
 
-def torsion_shape(
-    s: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"], order: int = 1
-) -> Float[np.ndarray, " points"]:
-    """Torsion of a clamped-free strip, y times the shaft's angle, with its largest absolute value 1."""
-    raw = y * shaft_twist(s, order)
-    return raw / np.abs(raw).max()
-
-
 def beam_frequency(order: int, length: float, stiffness: float, mass: float) -> float:
     """Natural frequency (Hz) of a clamped-free beam of `length` m, EI `stiffness` N m², `mass` kg/m."""
     return float(BEAM_ROOTS[order - 1] ** 2 / (2 * np.pi * length**2) * np.sqrt(stiffness / mass))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from nerfmodal.errors import InvalidSpec
-from nerfmodal.simulate import acai, frame_times, true_modes, vertices_at
+from nerfmodal.simulate import acai, frame_times, modal_masses, shape_at, true_modes, vertices_at
 from nerfmodal.simulate.excitation import modal_coordinate
-from nerfmodal.simulate.shapes import BEAM_ROOTS, cantilever_shape, torsion_shape
-from nerfmodal.spec import ImposedMode, SimulationSource
+from nerfmodal.simulate.shapes import BEAM_ROOTS, cantilever_shape, cantilever_slope, shaft_twist
+from nerfmodal.spec import ImposedMode, PalmSpec, SimulationSource
 from scipy.integrate import simpson
 
 DECAY = ImposedMode(
@@ -44,7 +44,7 @@ def test_bending_solves_the_beam_equation(order):
     assert fourth == pytest.approx(BEAM_ROOTS[order - 1] ** 4 * stencil[2], rel=5e-3)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, 2, 3])
 def test_bending_is_largest_at_the_tip(order):
     shape = cantilever_shape(np.linspace(0, 1, 501), order)
     assert shape[-1] == pytest.approx(1.0)
@@ -57,18 +57,35 @@ def test_the_second_bending_has_its_node_where_tables_have_it():
     assert node == pytest.approx(0.7834, abs=1e-3)
 
 
-def test_bendings_are_orthogonal():
+def test_bendings_are_orthogonal_and_have_a_quarter_of_the_beams_mass():
     s = np.linspace(0, 1, 20001)
-    overlap = simpson(cantilever_shape(s, 1) * cantilever_shape(s, 2), x=s)
-    assert overlap == pytest.approx(0.0, abs=1e-6)
+    shapes = np.stack([cantilever_shape(s, order) for order in (1, 2, 3)])
+    overlaps = simpson(shapes[:, None] * shapes[None], x=s)
+    assert overlaps == pytest.approx(np.eye(3) / 4, abs=1e-6)
 
 
-def test_torsion_is_odd_across_and_free_at_the_tip():
-    s, y = np.tile(np.linspace(0, 1, 11), 2), np.repeat([-0.17, 0.17], 11)
-    shape = torsion_shape(s, y)
-    assert shape[:11] == pytest.approx(-shape[11:])
-    assert np.abs(shape).max() == pytest.approx(1.0)
-    assert shape[11 + 5] == pytest.approx(np.sin(np.pi / 4))
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_the_slope_is_the_shapes_derivative(order):
+    s, h = np.linspace(0.05, 0.95, 19), 1e-6
+    numeric = (cantilever_shape(s + h, order) - cantilever_shape(s - h, order)) / (2 * h)
+    assert cantilever_slope(s, order) == pytest.approx(numeric, abs=1e-6)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_shafts_twist_is_clamped_at_the_base_and_free_at_the_tip(order):
+    h = 1e-4
+    ends = shaft_twist(np.array([0.0, 1 - h, 1.0, 1 + h]), order)
+    assert ends[0] == 0.0
+    assert abs(ends[2]) == pytest.approx(1.0)
+    assert ends[3] - ends[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_torsion_is_odd_across():
+    plant, twist = acai(), DECAY.model_copy(update={"shape": "torsion_1"})
+    mode = true_modes(source(twist), np.zeros(1))[0]
+    leaf = plant.belongs("leaf_0")
+    lever = plant.across[leaf] * np.sin(np.pi * plant.along[leaf] / 2)
+    assert mode.shape[:, 2] == pytest.approx(lever / np.abs(lever).max())
 
 
 def test_the_coordinate_solves_the_damped_oscillator():
@@ -127,3 +144,27 @@ def test_a_mode_of_no_organ_is_refused_by_its_pointer():
         true_modes(source(DECAY, stray), np.zeros(1))
     assert refusal.value.where == "/source/motion/1/organ"
     assert "leaf_0" in str(refusal.value.hint)
+
+
+@pytest.mark.parametrize("kinematics", ["linear", "rotation"])
+def test_the_truths_shape_can_be_asked_anywhere_on_the_surface(kinematics):
+    twist = DECAY.model_copy(update={"shape": "torsion_1"})
+    spec = source(DECAY, twist).model_copy(update={"kinematics": kinematics})
+    modes = [mode for mode in true_modes(spec, np.zeros(1)) if mode.organ == "leaf_2"]
+    asked = shape_at(spec, "leaf_2", modes[0].points)
+    for mode in modes:
+        assert asked[mode.name] == pytest.approx(mode.shape, abs=5e-3)
+    between = shape_at(spec, "leaf_2", modes[0].points[:2].mean(axis=0, keepdims=True))
+    assert set(between) == {"bending_1", "torsion_1"}
+    assert np.isfinite(between["torsion_1"]).all()
+
+
+def test_modal_masses_are_the_plants_masses_weighed_by_the_shapes():
+    spec = source(DECAY)
+    masses = modal_masses(spec)
+    plant = acai()
+    leaf = plant.belongs("leaf_0")
+    assert masses.shape == (5,)
+    assert masses[0] == pytest.approx(np.sum(plant.masses[leaf] * cantilever_shape(plant.along[leaf], 1) ** 2))
+    heavier = spec.model_copy(update={"palm": PalmSpec(leaflet_mass_kg=0.01)})
+    assert modal_masses(heavier)[0] > masses[0]
