@@ -9,19 +9,21 @@ const FARTHEST = 0.25; // of the true frequency: beyond it two lines are not the
 
 /** [{organ, name, frequency, damping}] or null where nothing was imposed. */
 export async function fetchTruth(scan, signal) {
-  let response;
+  const fetchPart = (path, options) => send(path, { ...options, signal });
+  let found;
   try {
-    response = await send(fileAddress(scan.id, "truth.npz"), { signal });
+    found = await readNpz(fileAddress(scan.id, "truth.npz"), fetchPart, ["names", "values"]);
   } catch (problem) {
     if (problem.status === 404) return null;
     throw problem;
   }
-  const { names, values } = await readNpz(await response.arrayBuffer());
+  const { names, values } = found;
+  const width = values.shape[1];
   return Array.from({ length: names.shape[0] }, (_, k) => ({
     organ: names.values[2 * k],
     name: names.values[2 * k + 1],
-    frequency: values.values[2 * k],
-    damping: values.values[2 * k + 1],
+    frequency: values.values[width * k],
+    damping: values.values[width * k + 1],
   }));
 }
 

@@ -50,16 +50,24 @@ function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, y
   const ink = colour("soft");
   const grid = { stroke: colour("faint"), width: 1 };
   const axis = { stroke: ink, grid, ticks: { stroke: colour("line"), width: 1 }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 20 };
+  const decades = log ? { splits: (u, axis, low, high) => powers(low, high), values: (u, splits) => splits.map((value) => `1e${Math.round(Math.log10(value))}`), filter: (u, splits) => splits } : {};
   return {
     width,
     height,
     legend: { show: series.filter((one) => one.label).length > 1, live: true },
     cursor: { drag: { x: true, y: false }, points: { size: 7 } },
     scales: { x: { time, range: xRange }, y: { distr: log ? 3 : 1, range: yRange } },
-    axes: [{ ...axis, label: xLabel, size: 36 }, { ...axis, label: yLabel, size: 62 }],
+    axes: [{ ...axis, label: xLabel, size: 36 }, { ...axis, label: yLabel, size: 62, ...decades }],
     series: [{ label: time ? "at" : xLabel }, ...series.map((one) => seriesOf(one))],
     hooks: { drawClear: [(u) => drawMarks(u, marks, levels)], draw: [(u) => drawErrors(u, series)], ready: onPoint ? [(u) => watchClicks(u, onPoint)] : [] },
   };
+}
+
+/** Whole powers of ten in a range, at most six. */
+function powers(low, high) {
+  const [first, last] = [Math.ceil(Math.log10(low)), Math.floor(Math.log10(high))];
+  const step = Math.max(1, Math.ceil((last - first) / 5));
+  return Array.from({ length: Math.max(0, Math.floor((last - first) / step) + 1) }, (_, k) => 10 ** (first + k * step));
 }
 
 function seriesOf({ label = "", hue = "blue", line = true, shape = "disc", dash, points = true, width = 1.5, size = 6 }) {

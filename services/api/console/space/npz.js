@@ -3,6 +3,8 @@
  * endian numbers and booleans in C order, and strings.
  */
 const END = 0x06054b50;
+const TAIL = 1 << 16; // the directory of some hundred members
+const LOCAL_HEADER = 1024; // more than any that is written here
 const READERS = {
   f8: (buffer) => new Float64Array(buffer),
   f4: (buffer) => new Float32Array(buffer),
@@ -12,36 +14,47 @@ const READERS = {
   b1: (buffer) => new Uint8Array(buffer),
 };
 
-/** Arrays by name: {shape, values}. */
-export async function readNpz(buffer) {
+/** Arrays by name: {shape, values}; `send(path, options)` answers ranges, and only what `names` needs is fetched. */
+export async function readNpz(path, send, names) {
+  const tail = await send(path, { headers: { Range: `bytes=-${TAIL}` } });
+  const end = new DataView(await tail.arrayBuffer());
+  const whole = Number(/\/(\d+)$/.exec(tail.headers.get("Content-Range") ?? "")?.[1] ?? end.byteLength);
+  const listed = [...members(end, whole - end.byteLength)].filter((member) => !names || names.includes(member.name));
   const found = {};
-  for (const member of members(new DataView(buffer))) {
-    found[member.name.replace(/\.npy$/, "")] = readNpy(await contentOf(buffer, member));
-  }
+  for (const member of listed) found[member.name] = readNpy(await contentOf(member, await piece(path, send, end, whole, member)));
   return found;
 }
 
+/** A member with its local header, from the tail where it lies in there. */
+async function piece(path, send, tail, whole, { local, size }) {
+  const [first, last] = [local, Math.min(whole, local + LOCAL_HEADER + size)];
+  const begins = whole - tail.byteLength;
+  if (first >= begins) return tail.buffer.slice(first - begins, last - begins);
+  return (await send(path, { headers: { Range: `bytes=${first}-${last - 1}` } })).arrayBuffer();
+}
+
 /** What the central directory lists; sizes there are right even where the local headers leave them out. */
-function* members(view) {
+function* members(view, begins) {
   let end = view.byteLength - 22;
   while (end >= 0 && view.getUint32(end, true) !== END) end--;
   if (end < 0) throw new Error("This is no zip file.");
-  let at = view.getUint32(end + 16, true);
+  let at = view.getUint32(end + 16, true) - begins;
+  if (at < 0) throw new Error("This zip file has too many members to be listed here.");
   for (let left = view.getUint16(end + 10, true); left > 0; left--) {
     const [nameLength, extra, comment] = [28, 30, 32].map((offset) => view.getUint16(at + offset, true));
     yield {
       method: view.getUint16(at + 10, true),
       size: view.getUint32(at + 20, true),
       local: view.getUint32(at + 42, true),
-      name: new TextDecoder().decode(new Uint8Array(view.buffer, at + 46, nameLength)),
+      name: new TextDecoder().decode(new Uint8Array(view.buffer, at + 46, nameLength)).replace(/\.npy$/, ""),
     };
     at += 46 + nameLength + extra + comment;
   }
 }
 
-async function contentOf(buffer, { method, size, local }) {
+async function contentOf({ method, size }, buffer) {
   const view = new DataView(buffer);
-  const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
+  const start = 30 + view.getUint16(26, true) + view.getUint16(28, true);
   const packed = buffer.slice(start, start + size);
   if (method === 0) return packed;
   return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate-raw"))).arrayBuffer();

@@ -7,7 +7,7 @@ import { readNpz } from "./npz.js";
 
 /** {positions, motion}: Float32Arrays of 3 per sensor; metres, and metres for a coordinate of 1. */
 export async function fetchShape(scan, key, signal) {
-  const arrays = await readNpz(await (await send(fileAddress(scan, key), { signal })).arrayBuffer());
+  const arrays = await readNpz(fileAddress(scan, key), (path, options) => send(path, { ...options, signal }));
   return { positions: Float32Array.from(arrays.positions.values), motion: motionOf(arrays) };
 }
 
