@@ -44,22 +44,13 @@ class Servers:
 @contextmanager
 def servers() -> Iterator[Servers]:
     """Both servers while the block runs; PostgreSQL writes through, as it does in production."""
-    postgres, redis = Postgres(), Redis()
+    postgres, redis = Postgres(is_synced=True), Redis()
     postgres.start()
     redis.start()
     try:
-        _write_through(postgres)
         with tempfile.TemporaryDirectory(prefix="nerfmodal-bench-") as folder:
             yield Servers(postgres, redis, Path(folder))
     finally:
         redis.stop()
         postgres.stop()
         postgres.remove()
-
-
-def _write_through(postgres: Postgres) -> None:
-    engine = sqlalchemy.create_engine(postgres.url, isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        connection.execute(sqlalchemy.text("ALTER SYSTEM SET fsync = on"))
-        connection.execute(sqlalchemy.text("SELECT pg_reload_conf()"))
-    engine.dispose()

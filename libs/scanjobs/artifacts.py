@@ -33,6 +33,7 @@ class ArtifactStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._synced: set[Path] = set()
         (folder / STAGING).mkdir(parents=True, exist_ok=True)
 
     def put(self, source: Path) -> Stored:
@@ -94,7 +95,9 @@ class ArtifactStore:
         target.parent.mkdir(exist_ok=True)
         os.replace(staged, target)  # also over a copy that has rotted
         _sync_folder(target.parent)
-        _sync_folder(self.folder)
+        if target.parent not in self._synced:  # whoever made it may not have come so far
+            _sync_folder(self.folder)
+            self._synced.add(target.parent)
 
 
 def _copy(source: Path, staged: Path) -> Stored:

@@ -8,12 +8,12 @@ commit; a message that is lost is sent again.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from sqlalchemy import and_, func, or_, select
+from sqlalchemy import Double, Select, and_, bindparam, func, or_, select
 from sqlalchemy.orm import Session
 
 from scanjobs.account_tables import Owner
@@ -27,6 +27,8 @@ from scanjobs.workers import active_workers
 
 WINDOW: Final = 2
 """Messages waiting for each free slot."""
+
+NEVER_S: Final = 1e12
 
 LEVEL_S: Final = 60.0
 """Waiting so long without a single step lowers a scan by one level."""
@@ -51,6 +53,8 @@ class Candidate:
     """Of the owner: twice the weight is twice the share."""
     level: int = 0
     """Of the scan: how much it has had (`level_of`)."""
+    token: int = 0
+    state: StepState = StepState.READY
 
 
 @dataclass(slots=True)
@@ -92,7 +96,9 @@ def dispatch(session: Session, holder: str | None = None) -> tuple[Message, ...]
     room = _room(session)
     if not room.is_left():
         return ()
-    chosen = choose(_candidates(session, room), room, _load(session))
+    open_queues = [queue for queue, left in room.queue_left.items() if left > 0]
+    waiting = candidates(session, open_queues, max(room.pool_left.values()))
+    chosen = choose(waiting, room, load_of(session))
     return tuple(message for step_id in chosen if (message := _send(session, step_id, holder)) is not None)
 
 
@@ -120,7 +126,7 @@ def choose(candidates: Iterable[Candidate], room: Room, load: Load) -> tuple[str
     waiting = list(candidates)
     chosen: list[str] = []
     while waiting and room.is_left():
-        best = min(waiting, key=lambda step: _turn(step, load))
+        best = min(waiting, key=lambda step: turn_of(step, load))
         waiting.remove(best)
         if room.take(best.queue):
             chosen.append(best.step_id)
@@ -134,7 +140,8 @@ def level_of(served: int, waited_s: float) -> int:
     return max(0, (served + 1).bit_length() - 1 - int(waited_s / LEVEL_S))
 
 
-def _turn(step: Candidate, load: Load) -> tuple[int, float, int, int, int, str, int, str]:
+def turn_of(step: Candidate, load: Load) -> tuple[int, float, int, int, int, str, int, str]:
+    """What the steps are ordered by. Pure."""
     return (
         -step.priority,
         load.owners[step.owner] / step.weight,
@@ -198,7 +205,8 @@ def _count_by_queue(session: Session, state: StepState) -> Counter[str]:
     return Counter({row[0]: row[1] for row in session.execute(query)})
 
 
-def _load(session: Session) -> Load:
+def load_of(session: Session) -> Load:
+    """What is sent or running now."""
     query = (
         select(Scan.owner, Scan.id, func.count())
         .join(Step, Step.scan_id == Scan.id)
@@ -212,25 +220,15 @@ def _load(session: Session) -> Load:
     return load
 
 
-def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
-    """The few steps of every scan and queue that could be next."""
-    most = max(room.pool_left.values())
-    place = func.row_number().over(
-        partition_by=(Step.scan_id, Step.queue), order_by=(Step.depth.desc(), Step.frame, Step.id)
-    )
-    ready = (
-        select(Step.id, Step.queue, Step.depth, Step.frame, Scan.id.label("scan_id"), Scan.owner, Scan.priority)
-        .add_columns(place.label("place"), func.coalesce(Owner.weight, 1.0).label("weight"))
-        .add_columns(Scan.served, (now_s() - func.coalesce(Scan.served_at, Scan.created_at)).label("waited_s"))
-        .join(Scan, Scan.id == Step.scan_id)
-        .outerjoin(Owner, Owner.id == Scan.owner)
-        .where(and_(Step.state == StepState.READY, Scan.state.in_([state.value for state in WORKING_SCAN_STATES])))
-        .where(or_(Step.not_before.is_(None), Step.not_before <= now_s()))
-        .where(Step.queue.in_([queue for queue, left in room.queue_left.items() if left > 0]))
-        .subquery()
-    )
-    rows = session.execute(select(ready).where(ready.c.place <= most))
-    return tuple(
+def candidates(
+    session: Session, queues: Collection[str], most: int, *, unheard_s: float | None = None
+) -> list[Candidate]:
+    """The few steps (`most`) of every scan and queue that could be next.
+
+    With `unheard_s` also those whose message nobody has heard for so long, since every slot is busy.
+    """
+    rows = session.execute(_QUERY, {"queues": list(queues), "most": most, "unheard_s": unheard_s or NEVER_S})
+    return [
         Candidate(
             step_id=row.id,
             queue=row.queue,
@@ -241,6 +239,33 @@ def _candidates(session: Session, room: Room) -> tuple[Candidate, ...]:
             frame=row.frame,
             weight=row.weight,
             level=level_of(row.served, row.waited_s),
+            token=row.token,
+            state=StepState(row.state),
         )
         for row in rows
+    ]
+
+
+def _make_query() -> Select[Any]:
+    """Written once: putting it together costs as much as asking it."""
+    place = func.row_number().over(
+        partition_by=(Step.scan_id, Step.queue), order_by=(Step.depth.desc(), Step.frame, Step.id)
     )
+    unheard = and_(Step.state == StepState.SENT, Step.sent_at < now_s() - bindparam("unheard_s", type_=Double))
+    waits = and_(Step.state == StepState.READY, or_(Step.not_before.is_(None), Step.not_before <= now_s()))
+    live = Step.state.in_([StepState.READY.value, StepState.SENT.value])  # says to the planner which index
+    working = Scan.state.in_([state.value for state in WORKING_SCAN_STATES])
+    ready = (
+        select(Step.id, Step.queue, Step.depth, Step.frame, Step.token, Step.state)
+        .add_columns(Scan.id.label("scan_id"), Scan.owner, Scan.priority, Scan.served)
+        .add_columns(place.label("place"), func.coalesce(Owner.weight, 1.0).label("weight"))
+        .add_columns((now_s() - func.coalesce(Scan.served_at, Scan.created_at)).label("waited_s"))
+        .join(Scan, Scan.id == Step.scan_id)
+        .outerjoin(Owner, Owner.id == Scan.owner)
+        .where(live, or_(waits, unheard), working, Step.queue.in_(bindparam("queues", expanding=True)))
+        .subquery()
+    )
+    return select(ready).where(ready.c.place <= bindparam("most"))
+
+
+_QUERY: Final = _make_query()

@@ -10,7 +10,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
-from scanjobs.given import inputs_of
+from scanjobs.given import InputFile, inputs_of, inputs_of_all
 from scanjobs.inputs import input_digest
 from scanjobs.messages import IDENTIFY, INSPECT
 from scanjobs.plan import CHUNK, WHOLE_SCAN, StepKey, chunk_of_frames, is_essential, is_partial, later_steps
@@ -18,7 +18,7 @@ from scanjobs.planting import plant
 from scanjobs.settling import fail_scan, hold_scan, live_steps
 from scanjobs.states import OPEN_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
-from scanjobs.transitions import REFRESHED, UNSYNCHRONISED, move_step
+from scanjobs.transitions import REFRESHED, UNSYNCHRONISED, EventRow, move_step, record, wake_steps
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
@@ -40,8 +40,7 @@ class Output:
 
 def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> None:
     """Refer to the files that the step made; the bytes are in the store already."""
-    for output in outputs:
-        know_artifact(session, output)
+    know_artifacts(session, outputs)
     rows = [{"step_id": step.id, "role": out.role, "name": out.name, "digest": out.digest} for out in outputs]
     if rows:
         session.execute(insert(table_of(ArtifactRef)), rows)
@@ -122,6 +121,11 @@ def _plant_chunk(session: Session, scan: Scan, spec: ScanSpec, frames: int, star
 
 def release_children(session: Session, scan: Scan, step: Step) -> None:
     """Count one parent less for every child, and wake those that wait for nothing more."""
+    record(session, wake_children(session, scan, step))
+
+
+def wake_children(session: Session, scan: Scan, step: Step) -> list[EventRow]:
+    """`release_children` without its events, which the caller records in the same transaction."""
     children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
     statement = (
         update(Step)
@@ -130,14 +134,21 @@ def release_children(session: Session, scan: Scan, step: Step) -> None:
         .returning(Step)
     )
     counted = session.scalars(statement, execution_options=REFRESHED).all()
-    for child in sorted((child for child in counted if child.deps_left == 0), key=lambda child: child.id):
+    woken = sorted((child for child in counted if child.deps_left == 0), key=lambda child: child.id)
+    if not woken:
+        return []
+    if not has_relatives(scan):
+        given = inputs_of_all(session, woken)
+        return wake_steps(session, {child.id: _digest_of(scan, child, given[child.id]) for child in woken}, woken)
+    for child in woken:  # each may end at once, and wake others
         move_step(session, child, StepState.READY)
         take_over(session, scan, child)
+    return []
 
 
 def take_over_ready(session: Session, scan: Scan, start: int = WHOLE_SCAN) -> None:
     """Give the ready steps of a new plan, from frame `start` on, the results that a relative of the scan has."""
-    if _has_relatives(scan):
+    if has_relatives(scan):
         for step in live_steps(session, scan, StepState.READY):
             if step.frame >= start:
                 take_over(session, scan, step)
@@ -148,12 +159,11 @@ def take_over(session: Session, scan: Scan, step: Step) -> None:
 
     Only scans of one root are relatives: a new submission of an old specification is computed.
     """
-    given = [(one.kind, one.frame, one.role, one.digest) for one in inputs_of(session, step.id)]
-    digest = input_digest(scan.spec, StepKey(step.kind, step.frame), given)
+    digest = _digest_of(scan, step, inputs_of(session, step.id))
     session.execute(
         update(Step).where(Step.id == step.id).values(input_digest=digest), execution_options=UNSYNCHRONISED
     )
-    known = _same_step(session, scan, digest) if digest and _has_relatives(scan) and not step.fresh else None
+    known = _same_step(session, scan, digest) if digest and has_relatives(scan) and not step.fresh else None
     if known is None:
         return
     refs = session.scalars(select(ArtifactRef).where(ArtifactRef.step_id == known.id))
@@ -165,7 +175,13 @@ def take_over(session: Session, scan: Scan, step: Step) -> None:
     release_children(session, scan, step)
 
 
-def _has_relatives(scan: Scan) -> bool:
+def _digest_of(scan: Scan, step: Step, files: Sequence[InputFile]) -> str | None:
+    given = [(one.kind, one.frame, one.role, one.digest) for one in files]
+    return input_digest(scan.spec, StepKey(step.kind, step.frame), given)
+
+
+def has_relatives(scan: Scan) -> bool:
+    """Whether a step of the scan may take over a result that was computed before."""
     return scan.generation > 0 or scan.root_id != scan.id
 
 
@@ -218,15 +234,13 @@ def _waiting_steps_of_frame(session: Session, step: Step) -> tuple[Step, ...]:
     return tuple(session.scalars(query.order_by(Step.depth)))
 
 
-def know_artifact(session: Session, output: Output) -> None:
-    """Note a stored file; bytes that were damaged or dropped before are whole again."""
-    row = {
-        "digest": output.digest,
-        "size": output.size,
-        "media_type": output.media_type,
-        "state": STORED,
-        "created_at": now_s(),
-    }
-    dialect = postgresql if session.get_bind().dialect.name == "postgresql" else sqlite
-    statement = dialect.insert(Artifact).values(row)
-    session.execute(statement.on_conflict_do_update(index_elements=["digest"], set_={"state": STORED}))
+def know_artifacts(session: Session, outputs: Sequence[Output]) -> None:
+    """Note stored files, always in one order; bytes that were damaged or dropped before are whole again."""
+    rows = [
+        {"digest": one.digest, "size": one.size, "media_type": one.media_type, "state": STORED}
+        for one in sorted(outputs, key=lambda output: output.digest)
+    ]
+    if rows:
+        dialect = postgresql if session.get_bind().dialect.name == "postgresql" else sqlite
+        statement = dialect.insert(table_of(Artifact)).values(created_at=now_s())
+        session.execute(statement.on_conflict_do_update(index_elements=["digest"], set_={"state": STORED}), rows)

@@ -6,79 +6,40 @@ transaction that ends the parent, so exactly one parent finds itself the last.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Final
 
 from sqlalchemy import insert, select, update
 from sqlalchemy.orm import Session
 
+from scanjobs.claims import WORKER_LOST, Begun, Ended, RunnerNote
+from scanjobs.claims import Claim as Claim
+from scanjobs.claims import Failure as Failure
+from scanjobs.claims import Standing as Standing
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
-from scanjobs.fanin import Output, attach_outputs, damn, expand_plan, know_artifact, lose_frame, release_children
-from scanjobs.given import InputFile, inputs_of
-from scanjobs.messages import TRAIN_GPU
+from scanjobs.fanin import (
+    Output,
+    attach_outputs,
+    damn,
+    expand_plan,
+    has_relatives,
+    know_artifacts,
+    lose_frame,
+    wake_children,
+)
+from scanjobs.given import inputs_of
+from scanjobs.messages import IDENTIFY, TRAIN_GPU
 from scanjobs.settling import hold_scan, settle
 from scanjobs.slots import Devices, take_slot
 from scanjobs.states import OPEN_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
-from scanjobs.tables import Attempt, Scan, Step
-from scanjobs.transitions import UNSYNCHRONISED, move_scan, move_step
+from scanjobs.tables import Attempt, Scan, Step, table_of
+from scanjobs.transitions import UNSYNCHRONISED, change_step, move_scan, move_step, record
 
 FIRST_PAUSE_S: Final = 1.0
 """Before the second attempt; doubled for each later one. A worker that was lost has cost its lease already."""
 LONGEST_PAUSE_S: Final = 30.0
 BUSY_S: Final = 1.0
 """Before a step that found every GPU busy is sent again."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
-    """The right to compute one step once, and all that is needed for it."""
-
-    step_id: str
-    scan_id: str
-    token: int
-    attempt: int
-    kind: str
-    frame: int
-    spec: dict[str, Any]
-    inputs: tuple[InputFile, ...]
-    traceparent: str | None = None
-    """Of the request that the step comes from."""
-    resume: str | None = None
-    """Digest of what an earlier attempt has saved on its way."""
-    device: str | None = None
-    """The GPU that this claim has for itself (`gpu:0`)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
-    """Why an attempt failed, in the words that the user reads."""
-
-    code: str
-    message: str
-    hint: str | None = None
-    retryable: bool = True
-    counted: bool = True
-    """False where the step is not to blame: a full disk."""
-    exit_code: int | None = None
-    damaged: str | None = None
-    """Digest of an input that is not what it was; the step that made it is no longer kept by a retry."""
-
-
-WORKER_LOST: Final = Failure(
-    code="LEASE_EXPIRED",
-    message="the worker that computed this step was not heard of any more.",
-    hint="If it happens again, look at that machine's memory and log, then retry the scan.",
-)
-
-
-class Standing(StrEnum):
-    """What a claim is worth now."""
-
-    HELD = "held"
-    LOST = "lost"
-    CANCELED = "canceled"
 
 
 def claim(
@@ -100,29 +61,49 @@ def claim(
         if device is None:
             move_step(session, step, StepState.READY, reason="no GPU is free", values={"not_before": now_s() + BUSY_S})
             return None
-    _serve_scan(session, scan)
+    began = begin(session, scan, step.id, step.token, StepState.SENT, worker_id, lease_s, device)
+    if began is None:
+        return None
+    record(session, [began.event])
+    return began.claim
+
+
+def begin(
+    session: Session,
+    scan: Scan,
+    step_id: str,
+    token: int,
+    state: StepState,
+    worker_id: str,
+    lease_s: float,
+    device: str | None = None,
+) -> Begun | None:
+    """Claim a step of a held scan, or None when it no longer is as told; the caller records the event."""
     values = {
-        "token": step.token + 1,
-        "attempt": step.attempt + 1,
+        "token": Step.token + 1,
+        "attempt": Step.attempt + 1,
         "worker_id": worker_id,
         "lease_until": now_s() + lease_s,
         "started_at": now_s(),
         "progress_done": 0,
         "progress_total": 0,
         "progress_message": "",
+        "not_before": None,
         "error": None,
     }
-    if not move_step(session, step, StepState.RUNNING, values=values):
+    moved = change_step(session, step_id, token, state, StepState.RUNNING, values=values)
+    if moved is None:
         return None
-    attempt = {"step_id": step.id, "token": step.token, "worker_id": worker_id, "started_at": now_s()}
-    session.execute(insert(Attempt).values(attempt))
-    return _claim_of(session, scan, step, device)
+    _serve_scan(session, scan)
+    attempt = {"step_id": step_id, "token": moved.step.token, "worker_id": worker_id}
+    session.execute(insert(table_of(Attempt)).values(started_at=now_s()), [attempt])
+    return Begun(_claim_of(session, scan, moved.step, device), moved.event)
 
 
-def note_runner(session: Session, held: Claim, pid: int, log_key: str) -> bool:
+def note_runner(session: Session, held: Claim, runner: RunnerNote) -> bool:
     """Record which process computes the claim, and where it logs."""
     statement = update(Attempt).where(Attempt.step_id == held.step_id, Attempt.token == held.token)
-    session.execute(statement.values(pid=pid, log_key=log_key), execution_options=UNSYNCHRONISED)
+    session.execute(statement.values(runner._asdict()), execution_options=UNSYNCHRONISED)
     return True
 
 
@@ -147,7 +128,7 @@ def save(session: Session, held: Claim, saved: Output) -> bool:
     owned = _owned(session, held)
     if owned is None:
         return False
-    know_artifact(session, saved)
+    know_artifacts(session, [saved])
     statement = update(Step).where(Step.id == held.step_id).values(resume_digest=saved.digest)
     session.execute(statement, execution_options=UNSYNCHRONISED)
     return True
@@ -162,20 +143,49 @@ def standing(session: Session, held: Claim) -> Standing:
     return Standing.CANCELED if row[2] == ScanState.CANCELING else Standing.HELD
 
 
-def finish(session: Session, held: Claim, outputs: Sequence[Output], facts: dict[str, Any]) -> bool:
+def finish(
+    session: Session, held: Claim, outputs: Sequence[Output], facts: dict[str, Any], runner: RunnerNote | None = None
+) -> bool:
     """Accept the result of a claim and wake what waited for it; False when the claim is lost."""
-    owned = _owned(session, held)
-    if owned is None:
+    ended = end_well(session, held, outputs, facts, runner)
+    if ended is None:
         return False
-    scan, step = owned
+    record(session, ended.events)
+    return True
+
+
+def end_well(
+    session: Session, held: Claim, outputs: Sequence[Output], facts: dict[str, Any], runner: RunnerNote | None
+) -> Ended | None:
+    """`finish` without the events that it leaves to the caller; None when the claim is lost."""
+    try:
+        scan = hold_scan(session, held.scan_id)
+    except NotFound:
+        return None
+    values = {"facts": facts, "finished_at": now_s(), "resume_digest": None, "lease_until": None, "worker_id": None}
+    moved = change_step(
+        session,
+        held.step_id,
+        held.token,
+        StepState.RUNNING,
+        StepState.SUCCEEDED,
+        reason="succeeded",
+        values=values,
+    )
+    if moved is None:
+        return None
+    step = moved.step
+    _end_attempt(session, step, "succeeded", None, runner)
     attach_outputs(session, step, outputs)
-    ended = {"facts": facts, "finished_at": now_s(), "resume_digest": None}
-    _move_from_running(session, step, StepState.SUCCEEDED, "succeeded", **ended)
+    events = [moved.event]
     if scan.state in OPEN_SCAN_STATES:
         expand_plan(session, scan, step)
-        release_children(session, scan, step)
-    settle(session, scan)
-    return True
+        events += wake_children(session, scan, step)
+    if scan.state == ScanState.CANCELING or step.kind == IDENTIFY or has_relatives(scan):
+        record(session, events)  # who follows the scan hears of the step before he hears of the end
+        settle(session, scan)
+        events = []
+    return Ended(scan, events)
 
 
 def fail(session: Session, held: Claim, failure: Failure, max_attempts: int) -> bool:
@@ -309,8 +319,10 @@ def _move_from_running(session: Session, step: Step, target: StepState, reason: 
     move_step(session, step, target, reason=reason, values={"lease_until": None, "worker_id": None, **values})
 
 
-def _end_attempt(session: Session, step: Step, outcome: str, failure: Failure | None) -> None:
-    values: dict[str, Any] = {"ended_at": now_s(), "outcome": outcome[:32]}
+def _end_attempt(
+    session: Session, step: Step, outcome: str, failure: Failure | None, runner: RunnerNote | None = None
+) -> None:
+    values: dict[str, Any] = {"ended_at": now_s(), "outcome": outcome[:32], **(runner._asdict() if runner else {})}
     if failure is not None:
         values |= {"exit_code": failure.exit_code, "error": _error_of(step, failure)}
     statement = update(Attempt).where(

@@ -27,7 +27,7 @@ class ScanState(StrEnum):
 
 
 class StepState(StrEnum):
-    """Where a step stands; only `ready` steps may be sent and only `sent` ones claimed."""
+    """Where a step stands; a `sent` step is claimed by its message, a `ready` one by a slot that goes on with it."""
 
     PENDING = "pending"
     READY = "ready"
@@ -62,7 +62,9 @@ SCAN_MOVES: Mapping[ScanState, frozenset[ScanState]] = MappingProxyType(
 STEP_MOVES: Mapping[StepState, frozenset[StepState]] = MappingProxyType(
     {
         StepState.PENDING: frozenset({StepState.READY, StepState.FAILED, StepState.CANCELED}),
-        StepState.READY: frozenset({StepState.SENT, StepState.SUCCEEDED, StepState.FAILED, StepState.CANCELED}),
+        StepState.READY: frozenset(
+            {StepState.SENT, StepState.RUNNING, StepState.SUCCEEDED, StepState.FAILED, StepState.CANCELED}
+        ),
         StepState.SENT: frozenset({StepState.READY, StepState.RUNNING, StepState.FAILED, StepState.CANCELED}),
         StepState.RUNNING: frozenset({StepState.SUCCEEDED, StepState.READY, StepState.FAILED, StepState.CANCELED}),
         StepState.SUCCEEDED: frozenset(),

@@ -2,23 +2,32 @@
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, insert, literal, select, update
+from sqlalchemy import ColumnElement, bindparam, insert, literal, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
+from scanjobs.fleet.notes import note_scan
 from scanjobs.meters import count_scan
 from scanjobs.states import TERMINAL_SCAN_STATES, ScanState, StepState, check_move
 from scanjobs.tables import Event, Scan, Step, table_of
 from scanjobs.webhooks import announce_scan
 
 Values = Mapping[str, Any]
+EventRow = dict[str, Any]
 BATCH = 500
 """Rows named in one statement; SQLite allows 32,766 variables."""
 REFRESHED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_session": False, "populate_existing": True})
 UNSYNCHRONISED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_session": False})
 """Rows in memory are refreshed by hand, after the guard has spoken."""
+
+
+class Moved(NamedTuple):
+    """A step after its move, and the event that is still to be recorded."""
+
+    step: Step
+    event: EventRow
 
 
 def move_scan(
@@ -30,9 +39,10 @@ def move_scan(
     changes = {"state": target.value, "version": scan.version + 1, **(values or {})}
     session.execute(update(Scan).where(Scan.id == scan.id).values(changes), execution_options=UNSYNCHRONISED)
     session.refresh(scan)
-    _record(session, [_event(scan.id, None, scan.generation, current.value, target.value, reason)])
+    record(session, [_event(scan.id, None, scan.generation, current.value, target.value, reason)])
     if target in TERMINAL_SCAN_STATES:
         count_scan(session, target)
+    note_scan(session, scan)
     announce_scan(session, scan)
 
 
@@ -46,20 +56,54 @@ def move_step(
     guard: ColumnElement[bool] | None = None,
 ) -> bool:
     """Move one step if it still is as `step` says (and `guard` holds); False when somebody was faster."""
-    current = StepState(step.state)
+    moved = change_step(
+        session, step.id, step.token, StepState(step.state), target, reason=reason, values=values, guard=guard
+    )
+    if moved is None:
+        return False
+    record(session, [moved.event])
+    return True
+
+
+def change_step(
+    session: Session,
+    step_id: str,
+    token: int,
+    current: StepState,
+    target: StepState,
+    *,
+    reason: str = "",
+    values: Values | None = None,
+    guard: ColumnElement[bool] | None = None,
+) -> Moved | None:
+    """Move one step if it still is as the arguments say; the caller records the event in the same transaction."""
     check_move(current, target)
-    statement = update(Step).where(Step.id == step.id, Step.state == current.value, Step.token == step.token)
+    statement = update(Step).where(Step.id == step_id, Step.state == current.value, Step.token == token)
     if guard is not None:
         statement = statement.where(guard)
     if target is StepState.READY and current is not StepState.SENT:  # a lost message does not end the wait
         values = {"ready_at": (values or {}).get("not_before", now_s()), **(values or {})}
-    moved = session.scalars(
+    step = session.scalars(
         statement.values({"state": target.value, **(values or {})}).returning(Step), execution_options=REFRESHED
-    ).all()  # the row as it is now, in the place of a second look
-    if not moved:
-        return False
-    _record(session, [_event(step.scan_id, step.id, step.generation, current.value, target.value, reason)])
-    return True
+    ).one_or_none()  # the row as it is now, in the place of a second look
+    if step is None:
+        return None
+    return Moved(step, _event(step.scan_id, step.id, step.generation, current.value, target.value, reason))
+
+
+def wake_steps(session: Session, digests: Mapping[str, str | None], steps: Sequence[Step]) -> list[EventRow]:
+    """Make pending steps of a held scan `ready`, each with the digest of its inputs; the caller records the events."""
+    check_move(StepState.PENDING, StepState.READY)
+    table = table_of(Step)
+    statement = update(table).where(table.c.id == bindparam("step_id"), table.c.state == StepState.PENDING.value)
+    statement = statement.values(state=StepState.READY.value, ready_at=now_s(), input_digest=bindparam("digest"))
+    session.execute(statement, [{"step_id": step.id, "digest": digests[step.id]} for step in steps])
+    for step in steps:
+        session.expire(step)
+    return [
+        _event(step.scan_id, step.id, step.generation, StepState.PENDING.value, StepState.READY.value, "")
+        for step in steps
+    ]
 
 
 def move_steps(
@@ -85,7 +129,7 @@ def _move_group(
         statement = statement.values({"state": target.value, **values})
         moved |= set(session.scalars(statement.returning(Step.id), execution_options=UNSYNCHRONISED))
     changed = [step for step in steps if step.id in moved]
-    _record(
+    record(
         session,
         [_event(step.scan_id, step.id, step.generation, current.value, target.value, reason) for step in changed],
     )
@@ -96,7 +140,8 @@ def _move_group(
 
 def born_scans(session: Session, scans: Sequence[Scan]) -> None:
     """Record the first state of new scans."""
-    _record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted") for scan in scans])
+    record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted") for scan in scans])
+    note_scan(session, scan, born=True)
 
 
 def born_queued(session: Session, scan_ids: Sequence[str], at: float) -> None:
@@ -109,15 +154,13 @@ def born_queued(session: Session, scan_ids: Sequence[str], at: float) -> None:
 
 def born_steps(session: Session, steps: Sequence[Mapping[str, Any]], reason: str = "") -> None:
     """Record the first state of new steps, given as the values of their rows."""
-    _record(
+    record(
         session,
         [_event(row["scan_id"], row["id"], row["generation"], None, row["state"], reason) for row in steps],
     )
 
 
-def _event(
-    scan_id: str, step_id: str | None, generation: int, before: str | None, after: str, reason: str
-) -> dict[str, Any]:
+def _event(scan_id: str, step_id: str | None, generation: int, before: str | None, after: str, reason: str) -> EventRow:
     return {
         "scan_id": scan_id,
         "step_id": step_id,
@@ -128,6 +171,7 @@ def _event(
     }
 
 
-def _record(session: Session, rows: list[dict[str, Any]]) -> None:
+def record(session: Session, rows: Sequence[EventRow]) -> None:
+    """Append events, in the order of `rows`."""
     for start in range(0, len(rows), BATCH):
-        session.execute(insert(table_of(Event)).values(at=now_s()), rows[start : start + BATCH])
+        session.execute(insert(table_of(Event)).values(at=now_s()), list(rows[start : start + BATCH]))

@@ -55,6 +55,7 @@ class Worker:
             artifacts=artifacts,
             settings=settings,
             worker_id=identity.id,
+            queues=identity.queues,
             on_change=self._wake,
             devices=Devices(host=identity.host, gpus=settings.gpus),
             tracing=self._tracing,

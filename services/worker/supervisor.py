@@ -1,5 +1,7 @@
 """One step from its doorbell to its end: claim it, let a runner compute it, watch both, write down what came of it.
 
+Whoever writes down a good end claims the next step for the same slot with it (`scanjobs.handover`), so a slot that has
+work goes from step to step without a message.
 The supervisor imports nothing heavy. While a runner computes it renews the lease, relays progress and looks for a
 cancel. When it cannot renew for a whole lease it kills its own runner: somebody else may have the step by then.
 """
@@ -9,34 +11,42 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
-from scanjobs import dispatch, leases
+from scanjobs import dispatch, handover, leases
 from scanjobs.artifacts import ArtifactStore, place_input
-from scanjobs.disk import is_full
+from scanjobs.claims import Claim, Failure, RunnerNote, Standing
+from scanjobs.disk import is_low
 from scanjobs.errors import ArtifactDamaged
 from scanjobs.fanin import Output
-from scanjobs.leases import Claim, Failure, Standing
+from scanjobs.handover import Handover, Slot
 from scanjobs.logs import about
 from scanjobs.media import media_type_of
+from scanjobs.messages import TRAIN_GPU
 from scanjobs.settings import Settings
 from scanjobs.slots import Devices
 from scanjobs.store import Store
 from scanjobs.tracing import NO_TRACING, Tracing
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from services.worker.child import Child, Children
-from services.worker.protocol import DISK_FULL, Failed, Line, Order, failed_line, read_failed, read_produced
+from services.worker.failures import TOO_LONG, death_of, of_runner, of_system
+from services.worker.protocol import Line, Order, failed_line, read_failed, read_produced
 from services.worker.step_log import StepLog
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 RESUME: Final = "resume"
+Outcome = Failure | Handover | None
+"""How an attempt ended; None when the step was taken from it, which is written down already."""
+MOST_FILES: Final = 64
+"""Threads that move files, at most; they come as they are needed."""
 PROGRESS_S: Final = 1.0
 """Progress is written at most this often."""
 
@@ -51,6 +61,8 @@ class Watch:
     total: int = 0
     message: str = ""
     told: bool = True
+    is_noted: bool = False
+    """Whether the database knows which process computes the step."""
 
     def note(self, line: Line) -> None:
         """Take over a progress line."""
@@ -64,40 +76,11 @@ class Watch:
         return age >= lease_s / 3 or (not self.told and age >= PROGRESS_S)
 
 
-TOO_LONG: Final = Failed(
-    code="STEP_TOO_LONG",
-    message="the step computed for longer than it may.",
-    hint="Raise NERFMODAL_STEP_LIMIT_S, or ask for less.",
-)
-MAYBE_MEMORY: Final = "It may have run out of memory: use fewer slots, points or pixels."
+class Turn(NamedTuple):
+    """A claim, and the monotonic time at which its lease began at the latest."""
 
-
-def of_system(error: OSError) -> Failure:
-    """Why this machine could not do its part; a full disk is no attempt of the step."""
-    if is_full(error):
-        hint = "Free some space; the scan then goes on by itself."
-        return Failure(code=DISK_FULL, message="the disk is full.", hint=hint, counted=False)
-    return Failure(code="INTERNAL", message=f"{type(error).__name__}: {error}", hint="The worker's log has more.")
-
-
-def of_runner(failed: Failed, exit_code: int | None) -> Failure:
-    """Why the runner could not compute the step."""
-    return Failure(
-        code=failed.code,
-        message=failed.message,
-        hint=failed.hint,
-        retryable=failed.retryable,
-        counted=failed.code != DISK_FULL,
-        exit_code=exit_code,
-    )
-
-
-def death_of(child: Child) -> Line:
-    """The runner ended without a word."""
-    child.kill()
-    code = child.exit_code
-    message = f"the process that computed the step ended with code {code}."
-    return failed_line(Failed(code="RUNNER_DIED", message=message, hint=MAYBE_MEMORY if code == -9 else None))
+    claim: Claim
+    began: float
 
 
 class Supervisor:
@@ -110,6 +93,7 @@ class Supervisor:
         artifacts: ArtifactStore,
         settings: Settings,
         worker_id: str,
+        queues: Collection[str],
         on_change: Callable[[], None],
         devices: Devices | None = None,
         tracing: Tracing = NO_TRACING,
@@ -121,6 +105,9 @@ class Supervisor:
         self._on_change = on_change
         self._work = settings.data_folder.resolve() / "work" / worker_id
         self._devices = devices
+        own_message = {TRAIN_GPU} if devices is not None and devices.gpus else set()  # a GPU is waited for
+        self._slot = Slot(worker_id=worker_id, queues=set(queues) - own_message, lease_s=settings.lease_s)
+        self._files = ThreadPoolExecutor(MOST_FILES, "files")
         self._tracing = tracing
         self._draining = threading.Event()
         self._paused = threading.Event()
@@ -140,6 +127,7 @@ class Supervisor:
     def close(self) -> None:
         """End the idle runners and remove the working folder."""
         self.children.end_idle(0.0)
+        self._files.shutdown(wait=False)
         shutil.rmtree(self._work, ignore_errors=True)
 
     def sweep(self, worker_ids: Sequence[str]) -> None:
@@ -148,8 +136,8 @@ class Supervisor:
             shutil.rmtree(self._work.parent / worker_id, ignore_errors=True)
 
     def supervise(self, step_id: str) -> None:
-        """Compute one step if it is still to be had."""
-        if self._draining.is_set() or self._paused.is_set():
+        """Compute a step if it is still to be had, and go on with others while there are any."""
+        if not self._takes_steps():
             self._store.write(lambda session: dispatch.take_back(session, step_id))
             return
         if not self._is_wanted(step_id):
@@ -158,26 +146,37 @@ class Supervisor:
         claim = self._store.write(
             lambda session: leases.claim(session, step_id, self._worker_id, self._settings.lease_s, self._devices)
         )
-        if claim is None:
-            return
-        watch = Watch(began, began)
+        turn = None if claim is None else Turn(claim, began)
+        while turn is not None:
+            turn = self._attend(turn.claim, Watch(turn.began, turn.began))
+
+    def _takes_steps(self) -> bool:
+        return not self._draining.is_set() and not self._paused.is_set()
+
+    def _attend(self, claim: Claim, watch: Watch) -> Turn | None:
+        """Compute a claimed step; the slot's next one."""
         folder = self._work / f"{claim.step_id}-{claim.token}"
+        ended: Outcome = None
         try:
             ids: dict[str, str | int] = {"scan_id": claim.scan_id, "step_id": claim.step_id, "frame": claim.frame}
             with about(kind=claim.kind, **ids), self._tracing.span(claim.kind, claim.traceparent, ids):
-                failure = self._compute(claim, folder, watch)
-                if failure is not None:
-                    self._fail(claim, failure, watch)
+                ended = self._compute(claim, folder, watch)
+                if isinstance(ended, Failure):
+                    self._fail(claim, ended, watch)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-            self._on_change()
+            if not isinstance(ended, Handover) or ended.is_more:
+                self._on_change()
+        if isinstance(ended, Handover) and ended.claim is not None:
+            return Turn(ended.claim, watch.renewed_at)
+        return None
 
     def _is_wanted(self, step_id: str) -> bool:
         """A look before the transaction: repeated and late messages cost one read."""
         with self._store.read() as session:
             return dispatch.is_sent(session, step_id)
 
-    def _compute(self, claim: Claim, folder: Path, watch: Watch) -> Failure | None:
+    def _compute(self, claim: Claim, folder: Path, watch: Watch) -> Outcome:
         """Everything from the input files to the accepted result; what went wrong, if the claim is still ours."""
         try:
             order = self._meanwhile(claim, watch, lambda: self._order(claim, folder))
@@ -195,8 +194,7 @@ class Supervisor:
         finally:
             self.children.give_back(child)
 
-    def _with(self, child: Child, claim: Claim, order: Order, watch: Watch) -> Failure | None:
-        self._write(watch, lambda session: leases.note_runner(session, claim, child.pid, child.log_path.name))
+    def _with(self, child: Child, claim: Claim, order: Order, watch: Watch) -> Outcome:
         log_of_step = StepLog(self._store, claim, child.log_path)
         child.order(order)
         try:
@@ -206,12 +204,18 @@ class Supervisor:
         if line is None:
             return None
         if "failed" in line:
+            self._note(claim, child, watch)
             log_of_step.say(line["failed"]["message"], "error")
             exit_code = child.exit_code
             child.kill()  # what failed in it may have left it in any state
             return of_runner(read_failed(line), exit_code)
-        self._accept(claim, line, watch)
-        return None
+        return self._accept(claim, child, line, watch)
+
+    def _note(self, claim: Claim, child: Child, watch: Watch) -> None:
+        """Write down which process computes; of a short step the ending says it."""
+        if not watch.is_noted:
+            note = RunnerNote(child.pid, child.log_path.name)
+            watch.is_noted = bool(self._write(watch, lambda session: leases.note_runner(session, claim, note)))
 
     def _order(self, claim: Claim, folder: Path) -> Order:
         (folder / "out").mkdir(parents=True)
@@ -262,6 +266,7 @@ class Supervisor:
             if time.monotonic() - looked_at >= self._settings.watch_s:
                 looked_at = time.monotonic()
                 log_of_step.relay()
+                self._note(claim, child, watch)
                 if not self._go_on(claim, child, watch):
                     return None
                 if looked_at - watch.began >= limit_s:
@@ -304,13 +309,21 @@ class Supervisor:
     def _is_expired(self, watch: Watch) -> bool:
         return time.monotonic() - watch.renewed_at >= self._settings.lease_s
 
-    def _accept(self, claim: Claim, line: Line, watch: Watch) -> None:
+    def _accept(self, claim: Claim, child: Child, line: Line, watch: Watch) -> Handover | None:
         made, facts = read_produced(line)
         outputs = self._meanwhile(claim, watch, lambda: tuple(self._keep(one.role, one.path) for one in made))
-        if self._write(watch, lambda session: leases.finish(session, claim, outputs, facts)):
+        runner = RunnerNote(child.pid, child.log_path.name)
+        slot = self._slot if self._takes_steps() and not is_low(self._settings) else None
+        asked_at = time.monotonic()
+        ended = self._write(
+            watch, lambda session: handover.finish_and_claim(session, claim, outputs, facts, runner, slot)
+        )
+        watch.renewed_at = asked_at
+        if ended is not None and ended.is_accepted:
             log.info("step succeeded", extra={"duration_s": round(time.monotonic() - watch.began, 3)})
         else:
             log.warning("the result of step %s came too late and is dropped", claim.step_id)
+        return ended
 
     def _save(self, claim: Claim, path: Path, watch: Watch) -> None:
         """Store what the next attempt would go on from; without it that one only has more to do."""
@@ -323,10 +336,9 @@ class Supervisor:
 
     def _meanwhile(self, claim: Claim, watch: Watch, work: Callable[[], T]) -> T:
         """Do what may take long (files that travel, digests) while the lease is kept alive."""
-        with ThreadPoolExecutor(1, "files") as pool:
-            future = pool.submit(work)
-            while not wait((future,), timeout=self._settings.watch_s).done:
-                self._standing(claim, watch)
+        future = self._files.submit(work)
+        while not wait((future,), timeout=self._settings.watch_s).done:
+            self._standing(claim, watch)
         return future.result()
 
     def _keep(self, role: str, path: Path) -> Output:
@@ -342,13 +354,13 @@ class Supervisor:
         most = self._settings.max_attempts
         self._write(watch, lambda session: leases.fail(session, claim, failure, most))
 
-    def _write(self, watch: Watch, work: Callable[[Any], bool]) -> bool:
-        """Write down an ending, trying again while the database is away and the lease lasts."""
+    def _write(self, watch: Watch, work: Callable[[Session], T]) -> T | None:
+        """Write something down, trying again while the database is away and the lease lasts; None when it is over."""
         while True:
             try:
                 return self._store.write(work)
             except SQLAlchemyError:
                 if self._is_expired(watch):
                     log.exception("the database was away for a whole lease; the result is dropped")
-                    return False
+                    return None
                 time.sleep(self._settings.watch_s)

@@ -9,7 +9,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from scanjobs import leases
+from scanjobs import handover
 from scanjobs.messages import TRAIN
 
 from services.worker import ticker
@@ -29,10 +29,10 @@ def die_once() -> None:
 def die_before_the_rows(finish: Any) -> Any:
     """Of a training, after its files are stored."""
 
-    def dying(session: Any, held: Any, outputs: Any, facts: Any) -> bool:
+    def dying(session: Any, held: Any, outputs: Any, *others: Any) -> Any:
         if held.kind == TRAIN and outputs:
             die_once()
-        return bool(finish(session, held, outputs, facts))
+        return finish(session, held, outputs, *others)
 
     return dying
 
@@ -51,10 +51,11 @@ def die_before_the_message(publish: Any) -> Any:
 def die_after_the_rows(accept: Any) -> Any:
     """After the commit of a result."""
 
-    def dying(self: Any, claim: Any, line: Any, watch: Any) -> None:
-        accept(self, claim, line, watch)
+    def dying(self: Any, claim: Any, *others: Any) -> Any:
+        ended = accept(self, claim, *others)
         if claim.kind == TRAIN:
             die_once()
+        return ended
 
     return dying
 
@@ -62,7 +63,7 @@ def die_after_the_rows(accept: Any) -> Any:
 if __name__ == "__main__":
     where = os.environ["DIE_AT"]
     if where == "stored":
-        leases.finish = die_before_the_rows(leases.finish)
+        handover.finish_and_claim = die_before_the_rows(handover.finish_and_claim)
     elif where == "sent":
         ticker.publish = die_before_the_message(ticker.publish)
     elif where == "finished":

@@ -55,9 +55,10 @@ def postgres_of_wheel() -> Path:
 
 
 class Postgres:
-    """One cluster."""
+    """One cluster; its commits reach the disk (`is_synced`) only where that is measured."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_synced: bool = False) -> None:
+        self._fsync = "on" if is_synced else "off"
         # not in pytest's folder, which pytest closes to other users, such as the one that PostgreSQL runs as
         self.folder = Path(tempfile.mkdtemp(prefix="nerfmodal-postgres-"))
         self.port = free_port()
@@ -78,7 +79,7 @@ class Postgres:
 
     def start(self) -> None:
         """Start and wait until it answers."""
-        options = f"-c listen_addresses=127.0.0.1 -p {self.port} -k {self.folder} -c fsync=off"
+        options = f"-c listen_addresses=127.0.0.1 -p {self.port} -k {self.folder} -c fsync={self._fsync}"
         self._run(
             "pg_ctl", "-D", str(self.folder / "data"), "-l", str(self.folder / "log"), "-w", "-o", options, "start"
         )

@@ -42,8 +42,8 @@ def is_allowed(current: ScanState | StepState, target: ScanState | StepState) ->
     return True
 
 
-def test_only_a_sent_step_can_run_and_only_a_running_one_fail_by_itself() -> None:
-    assert origins(StepState.RUNNING) == (StepState.SENT,)
+def test_only_a_waiting_step_can_run_and_only_a_running_one_fail_by_itself() -> None:
+    assert origins(StepState.RUNNING) == (StepState.READY, StepState.SENT)
     assert origins(StepState.SENT) == (StepState.READY,)
 
 
