@@ -131,8 +131,9 @@ def _insert(session: Session, asked: Sequence[Asked]) -> list[Submission]:
     for entity, values in ((Scan, rows), (ScanTag, tags), (IdempotencyKey, keys)):
         if values:
             session.execute(insert(table_of(entity)), values)
-    born_queued(session, [row["id"] for row in rows], now)
-    return [Submission(_scan_of(row, one), created=True) for row, one in zip(rows, asked, strict=True)]
+    scans = [_scan_of(row, one) for row, one in zip(rows, asked, strict=True)]
+    born_queued(session, scans, now)
+    return [Submission(scan, created=True) for scan in scans]
 
 
 def _scan_row(one: Asked, scan_id: str, now: float) -> Row:

@@ -141,15 +141,22 @@ def _move_group(
 def born_scans(session: Session, scans: Sequence[Scan]) -> None:
     """Record the first state of new scans."""
     record(session, [_event(scan.id, None, scan.generation, None, scan.state, "submitted") for scan in scans])
-    note_scan(session, scan, born=True)
+    _note_born(session, scans)
 
 
-def born_queued(session: Session, scan_ids: Sequence[str], at: float) -> None:
+def born_queued(session: Session, scans: Sequence[Scan], at: float) -> None:
     """Record the first state of many new scans that are `queued`, in one statement."""
     row = (Scan.id, literal(0), literal(ScanState.QUEUED.value), literal("submitted"), literal(at))
     columns = ("scan_id", "generation", "to_state", "reason", "at")
-    born = select(*row).where(Scan.id.in_(scan_ids)).order_by(Scan.id)
+    born = select(*row).where(Scan.id.in_([scan.id for scan in scans])).order_by(Scan.id)
     session.execute(insert(table_of(Event)).from_select(columns, born))
+    _note_born(session, scans)
+
+
+def _note_born(session: Session, scans: Sequence[Scan]) -> None:
+    """The plants' rows always in one order, whoever else writes them."""
+    for scan in sorted(scans, key=lambda scan: (scan.owner, scan.plant or "", scan.id)):
+        note_scan(session, scan, born=True)
 
 
 def born_steps(session: Session, steps: Sequence[Mapping[str, Any]], reason: str = "") -> None:
