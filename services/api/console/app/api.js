@@ -45,8 +45,8 @@ export function address(path, query = {}) {
   return words.size ? `${path}?${words}` : path;
 }
 
-/** The response of a request that was not refused. Throws `Problem`. */
-export async function send(path, { method = "GET", body, headers = {}, signal } = {}) {
+/** The response of a request that was not refused: `body` goes as JSON, `raw` as it is. Throws `Problem`. */
+export async function send(path, { method = "GET", body, raw, headers = {}, signal } = {}) {
   const said = body === undefined ? {} : { "Content-Type": "application/json" };
   let response;
   try {
@@ -54,7 +54,7 @@ export async function send(path, { method = "GET", body, headers = {}, signal } 
       method,
       signal,
       headers: headersWith({ ...said, ...headers }),
-      body: body === undefined ? undefined : JSON.stringify(body),
+      body: body === undefined ? raw : JSON.stringify(body),
     });
   } catch (error) {
     if (error.name === "AbortError") throw error;

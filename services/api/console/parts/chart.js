@@ -57,7 +57,7 @@ function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, y
     legend: { show: series.filter((one) => one.label).length > 1, live: true },
     cursor: { drag: { x: true, y: false }, points: { size: 7 } },
     scales: { x: { time, range: xRange }, y: { distr: log ? 3 : 1, range: yRange } },
-    axes: [{ ...axis, label: xLabel, size: 36 }, { ...axis, label: yLabel, size: 62, ...decades }],
+    axes: [{ ...axis, label: xLabel, size: 36 }, { ...axis, label: yLabel, size: 62, space: 26, ...decades }],
     series: [{ label: time ? "at" : xLabel }, ...series.map((one) => seriesOf(one))],
     hooks: { drawClear: [(u) => drawMarks(u, marks, levels)], draw: [(u) => drawErrors(u, series)], ready: onPoint ? [(u) => watchClicks(u, onPoint)] : [] },
   };
