@@ -2,7 +2,7 @@
 
 import typer
 
-from services.cli import compare, demo, doctor, keys, local, operate, preflight, presets, scans, up, worker
+from services.cli import compare, demo, doctor, keys, local, operate, preflight, presets, reproduce, scans, up, worker
 from services.cli.outcomes import Commands
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command(epilog="Example: nerfmodal fsck")(operate.fsck)
 app.command(epilog="Example: nerfmodal doctor")(doctor.doctor)
 app.command(epilog="Example: nerfmodal presets quick > quick.yaml")(presets.presets)
 app.add_typer(scans.app, name="scans")
+app.add_typer(reproduce.app, name="reproduce")
 app.add_typer(keys.app, name="keys")
 app.add_typer(operate.app, name="workers")
 
