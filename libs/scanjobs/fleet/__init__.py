@@ -1,1 +1,1 @@
-"""The fleet: plants, what their scans found over weeks, tracks, alarms, schedules. SQL; the mathematics is `monitoring`."""
+"""The fleet: plants, what their scans found over weeks, tracks, alarms, schedules. The mathematics is `monitoring`."""

@@ -213,7 +213,7 @@ def _shown(found: Findings) -> dict[str, Any]:
 
 
 def leading(tracks: Sequence[Track]) -> int | None:
-    """The living track of the lowest frequency that has f0 and was seen in at least half of the scans of the longest."""
+    """The living track of the lowest frequency that has f0 and half as many scans as the longest at least."""
     living = [k for k, row in enumerate(tracks) if row.active and row.reference_hz]
     longest = max((tracks[k].scans for k in living), default=0)
     return min(

@@ -145,7 +145,7 @@ def remove_event(session: Session, plant: Plant, event_id: str) -> None:
 def _keys_of(session: Session, names: Iterable[str | None], *, owner: str) -> dict[str, str]:
     wanted = [name for name in names if name is not None]
     query = select(Plant.id, Plant.key).where(Plant.owner == owner, Plant.id.in_(wanted))
-    keys = {name: key for name, key in session.execute(query)} if wanted else {}
+    keys = {row[0]: row[1] for row in session.execute(query)} if wanted else {}
     for name in wanted:
         if name not in keys:
             raise NotFound(f"there is no plant '{name}'.", hint="Make it with POST /v1/plants.")

@@ -4,7 +4,7 @@ A worker's chore does it for plants that `notes` has touched. Everything compute
 from the rows of modes, pins and surroundings alone, so it may be computed again at any time with the same outcome.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from sqlalchemy import and_, delete, func, insert, select, update
@@ -93,7 +93,7 @@ def _forget_deleted(session: Session, plant: Plant) -> None:
         session.execute(delete(PlantScan).where(PlantScan.scan_id.in_(ids)))
 
 
-def _scans_of(session: Session, plant: Plant) -> Mapping[str, Any]:
+def _scans_of(session: Session, plant: Plant) -> dict[str, Any]:
     """How many scans there are, and the last one: counted, so that a miscount heals."""
     mine = and_(Scan.owner == plant.owner, Scan.plant == plant.id, Scan.state.not_in(FORGOTTEN))
     count = session.scalars(select(func.count()).select_from(Scan).where(mine)).one()

@@ -154,13 +154,14 @@ def place_of(plant: Plant, order: Order) -> tuple[Any, str]:
 def count_by(session: Session, column: Any, *, owner: str) -> dict[str | None, int]:
     """How many plants there are of each value of a column."""
     query = select(column, func.count()).where(Plant.owner == owner).group_by(column)
-    return {value: count for value, count in session.execute(query)}
+    return {row[0]: row[1] for row in session.execute(query)}
 
 
 def count_tags(session: Session, *, owner: str) -> dict[str, int]:
     """How many plants have each tag."""
     query = select(PlantTag.tag, func.count()).join(Plant, Plant.key == PlantTag.plant_key)
-    return {tag: count for tag, count in session.execute(query.where(Plant.owner == owner).group_by(PlantTag.tag))}
+    rows = session.execute(query.where(Plant.owner == owner).group_by(PlantTag.tag))
+    return {row[0]: row[1] for row in rows}
 
 
 def _insert(session: Session, plant_id: str, values: Mapping[str, Any], *, owner: str) -> bool:

@@ -124,7 +124,7 @@ def _failing(session: Session, plant: Plant) -> list[Reason]:
 
 def _evidence(**given: Any) -> dict[str, Any]:
     """The same keys for every kind of alarm."""
-    empty = {
+    empty: dict[str, Any] = {
         "change_percent": None,
         "change_percent_std": None,
         "confidence": None,

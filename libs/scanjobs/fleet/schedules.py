@@ -1,4 +1,4 @@
-"""Schedules: when a plant is scanned again. A chore submits what is due; what could not be is written down as missed."""
+"""Schedules: when a plant is scanned again. A chore submits what is due; what could not be is noted as missed."""
 
 from collections.abc import Sequence
 
@@ -13,4 +13,4 @@ def next_due_of(session: Session, plant_keys: Sequence[str]) -> dict[str, float]
     query = select(Schedule.plant_key, func.min(Schedule.next_due_at)).where(
         Schedule.plant_key.in_(plant_keys), Schedule.enabled
     )
-    return {key: due for key, due in session.execute(query.group_by(Schedule.plant_key))}
+    return {row[0]: row[1] for row in session.execute(query.group_by(Schedule.plant_key))}

@@ -1,12 +1,13 @@
 """Where a series changed its level, and whether it has a trend: for people to look at beside the charts.
 
 Change points: PELT (Killick, Fearnhead & Eckley 2012) with a squared-error cost, by `ruptures`; the penalty is that of
-the Bayesian information criterion, 2 σ² ln n for the two parameters of a segment. Trend: Mann-Kendall with Hamed & Rao's
-(1998) correction for serial correlation, and Sen's slope, by `pymannkendall`.
+the Bayesian information criterion, 2 σ² ln n for the two parameters of a segment. Trend: Mann-Kendall with Hamed &
+Rao's (1998) correction for serial correlation, and Sen's slope, by `pymannkendall`.
 """
 
 import warnings
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -51,13 +52,13 @@ def change_points(values: np.ndarray) -> tuple[ChangePoint, ...]:
     search = ruptures.Pelt(model="l2", min_size=SHORTEST, jump=1).fit(values)
     ends = search.predict(pen=2.0 * sigma**2 * np.log(len(values)) + sigma**2 * np.log(len(values)))
     bounds = [0, *ends]
-    levels = [float(values[a:b].mean()) for a, b in zip(bounds, bounds[1:], strict=False)]
+    levels = [float(values[a:b].mean()) for a, b in pairwise(bounds)]
     found = (ChangePoint(b, levels[k], levels[k + 1]) for k, b in enumerate(bounds[1:-1]))
     return tuple(point for point in found if abs(point.after - point.before) > SMALLEST * sigma)
 
 
 def scatter(values: np.ndarray) -> float:
-    """Standard deviation from scan to scan, whatever the level does: median of differences (a MAD, for normal noise)."""
+    """Standard deviation from scan to scan, whatever the level does: by the median of differences, for normal noise."""
     differences = np.abs(np.diff(values))
     return float(np.median(differences)) / (0.6745 * np.sqrt(2.0))
 
@@ -77,9 +78,7 @@ def trend(at: np.ndarray, values: np.ndarray) -> Trend | None:
 
 def sen_slope(days: np.ndarray, values: np.ndarray) -> float:
     """Median slope of all pairs; times need not be even (which `pymannkendall` assumes)."""
-    chosen = (
-        np.unique(np.linspace(0, len(days) - 1, 400).round().astype(int)) if len(days) > 400 else np.arange(len(days))
-    )
+    chosen = np.unique(np.linspace(0, len(days) - 1, min(len(days), 400)).round().astype(int))
     first, second = np.triu_indices(len(chosen), k=1)
     apart = days[chosen][second] - days[chosen][first]
     rise = values[chosen][second] - values[chosen][first]

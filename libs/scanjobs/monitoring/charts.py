@@ -2,8 +2,8 @@
 
 Scores come from `learning` and are standard normals while nothing changes; limits come from `limits` and the rate of
 false alarms that is wanted, shared among the charts. Scans of the reference are learned and not charted. Later scans
-are learned until a chart signals: stopping earlier was seen to freeze an unlucky mean, which then signals by itself (ten
-times the false alarms at half a limit). A score counts at most `CLIP`, and T² needs two scans: one bad scan is no alarm.
+are learned until a chart signals: stopping at half a limit was seen to freeze an unlucky mean, which then signals by
+itself (ten times the false alarms). A score counts at most `CLIP`, and T² needs two scans: one bad scan is no alarm.
 """
 
 import math
@@ -124,8 +124,11 @@ class _Watching:
             return np.full(1 + len(values), np.nan), np.ones(1 + len(values)), np.zeros(1 + len(values), bool)
         ratio = self._record.stds[scan] / np.maximum(self._typical, 1e-12)
         weights = 1.0 / np.maximum(1.0, np.where(np.isfinite(ratio), ratio, 1.0) ** 2)
-        together = [float(values[seen].mean())], [float(weights[seen].mean())], [bool(reference[seen].all())]
-        return tuple(np.concatenate(pair) for pair in zip(together, (values, weights, reference), strict=True))  # type: ignore[return-value]
+        return (
+            np.append(values[seen].mean(), values),
+            np.append(weights[seen].mean(), weights),
+            np.append(reference[seen].all(), reference),
+        )
 
     def _chart(self, scan: int, scores: np.ndarray, in_reference: np.ndarray) -> float:
         """Move every chart on; the largest share of its limit that one has reached."""

@@ -88,7 +88,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """All that is known of a plant's drift. `references` (tracks,) Hz and their stds; `in_reference` (scans, tracks)."""
+    """All that is known of a plant's drift: `references` (tracks,) Hz with stds, `in_reference` (scans, tracks) …"""
 
     references: np.ndarray
     reference_stds: np.ndarray
@@ -223,14 +223,14 @@ def _charted(found: Watch) -> list[int]:
 
 
 def _onset(scores: np.ndarray, charted: list[int]) -> int:
-    """The scan from which on a step of the mean is the likeliest: Hinkley 1970, the largest (sum of scores)² / scans."""
+    """The scan that a step of the mean most likely began with: Hinkley 1970, the largest (sum of scores)² / scans."""
     backwards = np.cumsum(scores[charted][::-1])
     likelihoods = backwards**2 / np.arange(1, len(backwards) + 1)
     return charted[len(charted) - 1 - int(np.argmax(likelihoods))]
 
 
 def _shift(found: Watch, after: list[int]) -> tuple[float, float]:
-    """Mean relative change of all tracks since the onset, and its standard deviation (of the scans and of the normal)."""
+    """Mean relative change of all tracks since the onset, and its standard deviation, that of the normal included."""
     model, residuals = found.models[0], found.residuals[after, 0]
     scan_std = model.deviation / math.sqrt(len(after))
     normal_std = model.deviation / math.sqrt(max(model.learned, 1))

@@ -163,7 +163,7 @@ class _Run:
         seen: set[int] = set()
         for row, column in pairs:
             number, mode = open_ones[row], modes[column]
-            self._extend(number, mode, self._judge(costs, row, column, total, number, mode))
+            self._extend(number, mode, self._judge(costs, row, column, total))
             seen.add(number)
         paired = {column for _, column in pairs}
         for column, mode in enumerate(modes):
@@ -194,7 +194,7 @@ class _Run:
         days = max(mode.at - course.at, 0.0) / DAY_S
         return course.variance + self._rules.drift**2 * days
 
-    def _judge(self, costs: np.ndarray, row: int, column: int, total: float, number: int, mode: Seen) -> Link:
+    def _judge(self, costs: np.ndarray, row: int, column: int, total: float) -> Link:
         """Doubtful: far from what was predicted, or another pairing of tracks and modes is nearly as good."""
         if costs[row, column] > self._rules.sure:
             return "doubtful"
