@@ -33,6 +33,7 @@ demo: install
 	$(BIN)/nerfmodal demo --spec examples/acai.yaml --out out/demo
 
 test: install
+	@deploy/browser.sh
 	$(BIN)/pytest
 
 check: install

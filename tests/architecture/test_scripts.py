@@ -103,6 +103,30 @@ def test_venv_that_debian_packs_apart_is_installed_and_tried_again(machine: Path
     assert calls(machine)[-1].endswith("python3.11-venv")
 
 
+def browser(machine: Path, *found: str) -> subprocess.CompletedProcess[str]:
+    """deploy/browser.sh on a machine whose commands are the fakes, the shell's own and these."""
+    for command in found:
+        fake(machine / "bin", command, "exit 0")
+    fake(machine / "bin", "dirname", 'echo "${1%/*}"')
+    environment = {"PATH": str(machine / "bin")}
+    command = ["/bin/bash", str(ROOT / "deploy/browser.sh")]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_browser_is_installed_once(machine: Path):
+    assert browser(machine).returncode == 0
+    assert [call.split()[-1] for call in calls(machine)] == ["-qq", "chromium"]
+    done = browser(machine, "chromium")
+    assert (done.returncode, done.stdout, len(calls(machine))) == (0, "", 2)
+
+
+def test_without_rights_the_page_s_tests_are_skipped_and_a_line_says_what_to_type(machine: Path):
+    fake(machine / "bin", "id", "echo 1000")
+    done = browser(machine)
+    assert (done.returncode, calls(machine)) == (0, [])
+    assert "apt-get install -y --no-install-recommends chromium" in done.stderr
+
+
 @pytest.mark.parametrize(("check", "test", "code"), [(0, 0, 0), (2, 0, 2), (0, 1, 1), (2, 1, 1)])
 def test_continuous_integration_fails_with_what_failed_and_tests_speak_last(
     tmp_path: Path, check: int, test: int, code: int

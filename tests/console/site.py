@@ -65,4 +65,3 @@ def finish(service: Service, scan: str) -> None:
     steps = update(Step).where(Step.scan_id == scan).values(state=StepState.SUCCEEDED, **times)
     service.store.write(lambda session: session.execute(steps))
     service.move(scan, state=ScanState.SUCCEEDED, **times)
-
