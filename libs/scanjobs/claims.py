@@ -1,5 +1,6 @@
 """What a claim is, what it is worth, and how an attempt ends; the rows are `leases`' business."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, NamedTuple
@@ -62,14 +63,16 @@ class Begun(NamedTuple):
     """A claim, and the event that is still to be recorded."""
 
     claim: Claim
+    worker_id: str
     event: EventRow
 
 
 class Ended(NamedTuple):
-    """The held scan of a step that has ended, and the events that are still to be recorded."""
+    """The held scan of a step that has ended, the events still to be recorded, and what the woken steps are given."""
 
     scan: Scan
     events: list[EventRow]
+    given: Mapping[str, tuple[InputFile, ...]]
 
 
 class Standing(StrEnum):

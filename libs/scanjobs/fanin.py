@@ -1,8 +1,8 @@
 """What the end of one step means for the others: children woken, the plan expanded, a frame lost."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from nerfmodal.spec import CloudsSource, ScanSpec
 from sqlalchemy import func, insert, select, update
@@ -36,6 +36,13 @@ class Output:
     digest: str
     size: int
     media_type: str
+
+
+class Woken(NamedTuple):
+    """The events of the children that nothing is left to wait for, and the files that each is given."""
+
+    events: list[EventRow]
+    given: Mapping[str, tuple[InputFile, ...]]
 
 
 def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> None:
@@ -121,10 +128,10 @@ def _plant_chunk(session: Session, scan: Scan, spec: ScanSpec, frames: int, star
 
 def release_children(session: Session, scan: Scan, step: Step) -> None:
     """Count one parent less for every child, and wake those that wait for nothing more."""
-    record(session, wake_children(session, scan, step))
+    record(session, wake_children(session, scan, step).events)
 
 
-def wake_children(session: Session, scan: Scan, step: Step) -> list[EventRow]:
+def wake_children(session: Session, scan: Scan, step: Step) -> Woken:
     """`release_children` without its events, which the caller records in the same transaction."""
     children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
     statement = (
@@ -136,14 +143,15 @@ def wake_children(session: Session, scan: Scan, step: Step) -> list[EventRow]:
     counted = session.scalars(statement, execution_options=REFRESHED).all()
     woken = sorted((child for child in counted if child.deps_left == 0), key=lambda child: child.id)
     if not woken:
-        return []
+        return Woken([], {})
     if not has_relatives(scan):
         given = inputs_of_all(session, woken)
-        return wake_steps(session, {child.id: _digest_of(scan, child, given[child.id]) for child in woken}, woken)
+        digests = {child.id: _digest_of(scan, child, given[child.id]) for child in woken}
+        return Woken(wake_steps(session, digests, woken), given)
     for child in woken:  # each may end at once, and wake others
         move_step(session, child, StepState.READY)
         take_over(session, scan, child)
-    return []
+    return Woken([], {})
 
 
 def take_over_ready(session: Session, scan: Scan, start: int = WHOLE_SCAN) -> None:

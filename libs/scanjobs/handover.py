@@ -15,10 +15,10 @@ from typing import Any, Final, NamedTuple
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from scanjobs.claims import Begun, Claim, RunnerNote
+from scanjobs.claims import Begun, Claim, Ended, RunnerNote
 from scanjobs.dispatch import Candidate, Load, candidates, load_of, turn_of
 from scanjobs.fanin import Output
-from scanjobs.leases import begin, end_well
+from scanjobs.leases import begin, end_well, record_begun
 from scanjobs.states import WORKING_SCAN_STATES, StepState
 from scanjobs.tables import Scan
 from scanjobs.transitions import record
@@ -62,21 +62,31 @@ def finish_and_claim(
         return Handover(is_accepted=False, claim=None, is_more=False)
     events = ended.events
     woken = sum(event["to_state"] == StepState.READY for event in events)
-    begun = None if slot is None else _claim_next(session, ended.scan, slot)
-    if begun is not None:
-        events = [*events, begun.event]
-    record(session, events)
+    begun = None if slot is None else _claim_next(session, ended, slot)
+    if begun is None:
+        record(session, events)
+    else:
+        record_begun(session, begun, [*events, begun.event])
     return Handover(
         is_accepted=True, claim=begun and begun.claim, is_more=begun is None or not ended.events or woken > 1
     )
 
 
-def _claim_next(session: Session, held: Scan, slot: Slot) -> Begun | None:
+def _claim_next(session: Session, ended: Ended, slot: Slot) -> Begun | None:
     for step in _in_turn(session, slot)[:TRIES]:
-        scan = held if step.scan_id == held.id else _hold_free(session, step.scan_id)
+        scan = ended.scan if step.scan_id == ended.scan.id else _hold_free(session, step.scan_id)
         if scan is None or scan.state not in WORKING_SCAN_STATES:
             continue
-        begun = begin(session, scan, step.step_id, step.token, step.state, slot.worker_id, slot.lease_s)
+        begun = begin(
+            session,
+            scan,
+            step.step_id,
+            step.token,
+            step.state,
+            slot.worker_id,
+            slot.lease_s,
+            inputs=ended.given.get(step.step_id),
+        )
         if begun is not None:
             return begun
     return None

@@ -19,6 +19,7 @@ from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
 from scanjobs.fanin import (
     Output,
+    Woken,
     attach_outputs,
     damn,
     expand_plan,
@@ -27,13 +28,14 @@ from scanjobs.fanin import (
     lose_frame,
     wake_children,
 )
-from scanjobs.given import inputs_of
+from scanjobs.given import InputFile, inputs_of
 from scanjobs.messages import IDENTIFY, TRAIN_GPU
 from scanjobs.settling import hold_scan, settle
 from scanjobs.slots import Devices, take_slot
 from scanjobs.states import OPEN_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
+from scanjobs.store import together
 from scanjobs.tables import Attempt, Scan, Step, table_of
-from scanjobs.transitions import UNSYNCHRONISED, change_step, move_scan, move_step, record
+from scanjobs.transitions import UNSYNCHRONISED, EventRow, change_step, move_scan, move_step, record
 
 FIRST_PAUSE_S: Final = 1.0
 """Before the second attempt; doubled for each later one. A worker that was lost has cost its lease already."""
@@ -64,7 +66,7 @@ def claim(
     began = begin(session, scan, step.id, step.token, StepState.SENT, worker_id, lease_s, device)
     if began is None:
         return None
-    record(session, [began.event])
+    record_begun(session, began, [began.event])
     return began.claim
 
 
@@ -77,8 +79,12 @@ def begin(
     worker_id: str,
     lease_s: float,
     device: str | None = None,
+    inputs: tuple[InputFile, ...] | None = None,
 ) -> Begun | None:
-    """Claim a step of a held scan, or None when it no longer is as told; the caller records the event."""
+    """Claim a step of a held scan, or None when it no longer is as told; `record_begun` completes it.
+
+    `inputs` are those of the step, if they are known already.
+    """
     values = {
         "token": Step.token + 1,
         "attempt": Step.attempt + 1,
@@ -94,10 +100,22 @@ def begin(
     moved = change_step(session, step_id, token, state, StepState.RUNNING, values=values)
     if moved is None:
         return None
-    _serve_scan(session, scan)
-    attempt = {"step_id": step_id, "token": moved.step.token, "worker_id": worker_id}
-    session.execute(insert(table_of(Attempt)).values(started_at=now_s()), [attempt])
-    return Begun(_claim_of(session, scan, moved.step, device), moved.event)
+    files = inputs_of(session, step_id) if inputs is None else inputs
+    claim = _claim_of(scan, moved.step, files, device)
+    if scan.state == ScanState.QUEUED:
+        move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
+    return Begun(claim, worker_id, moved.event)
+
+
+def record_begun(session: Session, begun: Begun, events: Sequence[EventRow]) -> None:
+    """Write down, with the events of the transaction, the attempt that a claim is and that its scan was served."""
+    claim = begun.claim
+    attempt = {"step_id": claim.step_id, "token": claim.token, "worker_id": begun.worker_id}
+    served = update(Scan).where(Scan.id == claim.scan_id).values(served=Scan.served + 1, served_at=now_s())
+    with together(session):
+        session.execute(served, execution_options=UNSYNCHRONISED)
+        session.execute(insert(table_of(Attempt)).values(attempt | {"started_at": now_s()}).inline())
+        record(session, events)
 
 
 def note_runner(session: Session, held: Claim, runner: RunnerNote) -> bool:
@@ -175,17 +193,19 @@ def end_well(
     if moved is None:
         return None
     step = moved.step
-    _end_attempt(session, step, "succeeded", None, runner)
-    attach_outputs(session, step, outputs)
-    events = [moved.event]
+    with together(session):
+        _end_attempt(session, step, "succeeded", None, runner)
+        attach_outputs(session, step, outputs)
+    woken = Woken([], {})
     if scan.state in OPEN_SCAN_STATES:
         expand_plan(session, scan, step)
-        events += wake_children(session, scan, step)
+        woken = wake_children(session, scan, step)
+    events = [moved.event, *woken.events]
     if scan.state == ScanState.CANCELING or step.kind == IDENTIFY or has_relatives(scan):
         record(session, events)  # who follows the scan hears of the step before he hears of the end
         settle(session, scan)
         events = []
-    return Ended(scan, events)
+    return Ended(scan, events, woken.given)
 
 
 def fail(session: Session, held: Claim, failure: Failure, max_attempts: int) -> bool:
@@ -255,14 +275,7 @@ def _owned(session: Session, held: Claim) -> tuple[Scan, Step] | None:
     return found
 
 
-def _serve_scan(session: Session, scan: Scan) -> None:
-    served = update(Scan).where(Scan.id == scan.id).values(served=Scan.served + 1, served_at=now_s())
-    session.execute(served, execution_options=UNSYNCHRONISED)
-    if scan.state == ScanState.QUEUED:
-        move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
-
-
-def _claim_of(session: Session, scan: Scan, step: Step, device: str | None) -> Claim:
+def _claim_of(scan: Scan, step: Step, inputs: tuple[InputFile, ...], device: str | None) -> Claim:
     return Claim(
         step_id=step.id,
         scan_id=scan.id,
@@ -271,7 +284,7 @@ def _claim_of(session: Session, scan: Scan, step: Step, device: str | None) -> C
         kind=step.kind,
         frame=step.frame,
         spec=scan.spec,
-        inputs=inputs_of(session, step.id),
+        inputs=inputs,
         traceparent=step.traceparent,
         resume=step.resume_digest,
         device=device,

@@ -93,6 +93,25 @@ def one_at_a_time(session: Session, number: int) -> None:
         session.execute(select(func.pg_advisory_xact_lock(LOCK_SPACE, number)))
 
 
+@contextmanager
+def together(session: Session) -> Iterator[None]:
+    """Statements of this block, whose results nobody may look at, travel in one round trip (PostgreSQL's pipeline).
+
+    Raises SQLAlchemy's DBAPIError for the first that was refused, when the block ends.
+    """
+    if session.get_bind().dialect.name != "postgresql":
+        yield
+        return
+    driver: Any = session.connection().connection.driver_connection
+    dialect = session.get_bind().dialect
+    errors = dialect.loaded_dbapi.Error
+    try:
+        with driver.pipeline():
+            yield
+    except errors as error:  # as if SQLAlchemy itself had heard it
+        raise DBAPIError.instance("one of several", None, error, errors, dialect=dialect) from error
+
+
 def is_transient(error: DBAPIError) -> bool:
     """Whether another transaction was in the way, so that the same one may succeed now."""
     if getattr(error.orig, "sqlstate", None) in TRANSIENT_SQLSTATES:

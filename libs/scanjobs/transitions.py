@@ -98,12 +98,11 @@ def wake_steps(session: Session, digests: Mapping[str, str | None], steps: Seque
     statement = update(table).where(table.c.id == bindparam("step_id"), table.c.state == StepState.PENDING.value)
     statement = statement.values(state=StepState.READY.value, ready_at=now_s(), input_digest=bindparam("digest"))
     session.execute(statement, [{"step_id": step.id, "digest": digests[step.id]} for step in steps])
+    before, after = StepState.PENDING.value, StepState.READY.value
+    events = [_event(step.scan_id, step.id, step.generation, before, after, "") for step in steps]
     for step in steps:
         session.expire(step)
-    return [
-        _event(step.scan_id, step.id, step.generation, StepState.PENDING.value, StepState.READY.value, "")
-        for step in steps
-    ]
+    return events
 
 
 def move_steps(
@@ -181,4 +180,4 @@ def _event(scan_id: str, step_id: str | None, generation: int, before: str | Non
 def record(session: Session, rows: Sequence[EventRow]) -> None:
     """Append events, in the order of `rows`."""
     for start in range(0, len(rows), BATCH):
-        session.execute(insert(table_of(Event)).values(at=now_s()), list(rows[start : start + BATCH]))
+        session.execute(insert(table_of(Event)).values(at=now_s()).inline(), list(rows[start : start + BATCH]))
