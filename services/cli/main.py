@@ -2,7 +2,21 @@
 
 import typer
 
-from services.cli import compare, demo, doctor, keys, local, operate, preflight, presets, reproduce, scans, up, worker
+from services.cli import (
+    compare,
+    demo,
+    doctor,
+    fleet,
+    keys,
+    local,
+    operate,
+    preflight,
+    presets,
+    reproduce,
+    scans,
+    up,
+    worker,
+)
 from services.cli.outcomes import Commands
 
 app = typer.Typer(
@@ -20,6 +34,7 @@ app.command(epilog="Example: nerfmodal identify out/clouds --out out/modes")(loc
 app.command(epilog="Example: nerfmodal compare out/demo out/demo/truth.npz")(compare.compare)
 app.command(epilog="Example: nerfmodal demo --spec examples/acai.yaml --out out/demo")(demo.demo)
 app.command("preflight", epilog="Example: nerfmodal preflight examples/acai.yaml")(preflight.look_ahead)
+app.command(epilog="Example: nerfmodal demo-fleet --plants 200 --scans 25")(fleet.demo_fleet)
 app.command(epilog="Example: nerfmodal up --port 8000 --data .nerfmodal --captures /data/captures")(up.up)
 app.command(epilog="Example: nerfmodal worker --queues train,extract --slots 2")(worker.worker)
 app.command(epilog="Example: nerfmodal migrate")(worker.migrate)

@@ -28,3 +28,13 @@ def read_changes(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InvalidSpec("holds no keys to change.", where=str(path), hint="Write for instance: {seed: 1}")
     return document
+
+
+@contextmanager
+def counting_bar(what: str, total: int, *, quiet: bool) -> Iterator[Callable[[int], None]]:
+    """A bar on a terminal; what it gives takes how many are done."""
+    console = notes()
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done: progress.update(task, completed=done)

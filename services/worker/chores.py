@@ -1,4 +1,4 @@
-"""What a worker does beside steps: plant the rest of long plans, pause what has no room, collect garbage.
+"""What a worker does beside steps: plant the rest of long plans, join plants' scans, pause what has no room, collect.
 
 Each is guarded in the database, so that it does no harm when every worker does it; what takes long has a thread of
 its own, because the ticker must not wait.
@@ -14,6 +14,7 @@ from scanjobs import chores, pausing
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.disk import has_room, is_low
 from scanjobs.fanin import plant_next_chunk, unplanted_scans
+from scanjobs.fleet.joining import join, touched_plants
 from scanjobs.garbage import collect_garbage, drop_checkpoints
 from scanjobs.pausing import Cause
 from scanjobs.settings import Settings
@@ -23,6 +24,9 @@ log = logging.getLogger(__name__)
 
 PLANTING_S: Final = 0.5
 """Of one tick at most, spent on planting."""
+JOINING_S: Final = 0.5
+"""Of one tick at most, spent on joining plants."""
+AILING_S: Final = 60.0
 QUOTA_S: Final = 30.0
 DAY_S: Final = 24 * 3600.0
 
@@ -35,11 +39,13 @@ class Chores:
         self._artifacts = artifacts
         self._settings = settings
         self._asked_at = 0.0
+        self._ailing: dict[str, float] = {}
         self._collecting: threading.Thread | None = None
 
     def run(self) -> None:
         """Everything that is due."""
         self._plant()
+        self._join()
         self._watch_disk()
         if time.monotonic() - self._asked_at < min(QUOTA_S, self._settings.collect_every_s):
             return
@@ -56,6 +62,19 @@ class Chores:
         while waiting and time.monotonic() < deadline:
             if not self._store.write(partial(plant_next_chunk, scan_id=waiting[0])):
                 waiting.pop(0)
+
+    def _join(self) -> None:
+        """Plants whose scans have ended, one after the other for a moment; several workers may, with one outcome."""
+        deadline = time.monotonic() + JOINING_S
+        with self._store.read() as session:
+            waiting = [key for key in touched_plants(session) if self._ailing.get(key, 0.0) < time.monotonic()]
+        while waiting and time.monotonic() < deadline:
+            key = waiting.pop(0)
+            try:
+                join(self._store, self._artifacts, key)
+            except Exception:  # one plant's trouble is not the others'; it stays touched and is tried again
+                log.exception("the scans of plant %s could not be joined; next try in %g s", key, AILING_S)
+                self._ailing[key] = time.monotonic() + AILING_S
 
     def _watch_disk(self) -> None:
         if is_low(self._settings):

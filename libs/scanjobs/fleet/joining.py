@@ -23,7 +23,7 @@ from scanjobs.tables import Scan
 FORGOTTEN: Final = (ScanState.DELETING, ScanState.DELETED)
 
 
-def touched_plants(session: Session, most: int = 50) -> tuple[str, ...]:
+def touched_plants(session: Session, most: int = 200) -> tuple[str, ...]:
     """Keys of plants that are to be joined."""
     return tuple(session.scalars(select(Plant.key).where(Plant.touched > Plant.joined).limit(most)))
 

@@ -58,7 +58,7 @@ class Chart:
         self.scans.append(scan)
         self.values.append(value)
         self.limits.append(limit)
-        self.signals.append(signal)
+        self.signals.append(bool(signal))
 
 
 @dataclass(frozen=True, slots=True)
