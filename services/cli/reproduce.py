@@ -28,7 +28,7 @@ from services.cli.specs import as_json as json_of
 
 if TYPE_CHECKING:
     from nerfmodal.types import Frame
-    from scanclient import Client
+    from scanclient import Client, Scan
 
 Scale = Literal["small", "full"]
 Document = dict[str, Any]
@@ -145,7 +145,7 @@ def _run(client: "Client", spec: ScanSpec, out: Path, *, quiet: bool) -> Documen
 
     notes().print(f"{spec.name}: {spec.digest()[:16]}")
     with scan_bars(quiet=quiet, lines=True) as show:
-        scan = client.submit(json_of(spec), f"reproduce-{spec.digest()}")
+        scan = submitted(client, spec)
         scan = client.wait(scan.id, on_progress=lambda seen: show(seen.progress, seen.eta_s), poll_s=POLL_S)
         client.download(scan.id, out)
     result, truth = io.read_result(out / "result.npz"), io.read_truth(out / "truth.npz")
@@ -154,6 +154,12 @@ def _run(client: "Client", spec: ScanSpec, out: Path, *, quiet: bool) -> Documen
     began, ended = scan.started_at, scan.finished_at
     seconds = (ended - began).total_seconds() if began and ended else 0.0
     return experiment_document(spec, result, modes, organs, seconds)
+
+
+def submitted(client: "Client", spec: ScanSpec) -> "Scan":
+    """The scan of this specification: a new one, the one that an earlier run began, or that one tried again."""
+    scan = client.submit(json_of(spec), f"reproduce-{spec.digest()}")
+    return client.retry(scan.id) if scan.status in ("failed", "canceled") else scan
 
 
 def _portrait(spec: ScanSpec) -> "Frame":

@@ -7,12 +7,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from nerfmodal.spec import SimulationSource
 
 from services.api.presets import PRESETS
-from services.cli.reproduce import EXPERIMENTS, experiment
+from services.cli.reproduce import EXPERIMENTS, experiment, submitted
 from tests.unit.cli.conftest import Call, stored
 
 ROOT = Path(__file__).parents[3]
@@ -40,6 +41,25 @@ def test_a_name_that_is_no_experiment_is_refused(call: Call) -> None:
     done = call("reproduce", "paper", "--spec", "papr")
     assert done.exit_code == 3
     assert "paper-off-bin" in done.stderr
+
+
+@pytest.mark.parametrize(("status", "retried"), [("running", []), ("failed", ["s"]), ("canceled", ["s"])])
+def test_a_scan_that_failed_is_tried_again(status: str, retried: list[str]) -> None:
+    calls: list[str] = []
+
+    class Service:
+        def submit(self, spec: object, key: str) -> SimpleNamespace:
+            del spec
+            assert key == f"reproduce-{small.digest()}"
+            return SimpleNamespace(id="s", status=status)
+
+        def retry(self, scan: str) -> SimpleNamespace:
+            calls.append(scan)
+            return SimpleNamespace(id=scan, status="queued")
+
+    small = experiment("paper", "small", 0, "preview", 16)
+    assert submitted(Service(), small).id == "s"  # type: ignore[arg-type]
+    assert calls == retried
 
 
 def test_a_run_that_is_killed_goes_on_with_the_same_scan(
