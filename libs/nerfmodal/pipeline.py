@@ -209,6 +209,7 @@ def identify(
             device=" + ".join(sorted({one.device for one in clouds if one is not None and one.device})) or "cpu",
             started=started,
             finished=_now(),
+            rig_certificate=spec.rig_certificate,
         ),
         outcome=outcomes.pop() if len(outcomes) == 1 else Outcome.OK,
         structure=structure_modes(organs, times),

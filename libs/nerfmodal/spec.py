@@ -363,6 +363,8 @@ class ScanSpec(Part):
     """'auto' finds them in the clouds; so does nothing, except that a simulation knows its own."""
     identification: IdentificationSpec = IdentificationSpec()
     plant: PlantSpec | None = None
+    rig_certificate: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    """Id of the certificate of the cameras that filmed it (`nerfmodal certify`); it stands in the result."""
     tags: tuple[Name, ...] = ()
     max_failed_frames: Annotated[int, Field(ge=0)] = 0
     partial_every: Annotated[int, Field(ge=16)] | None = None

@@ -284,7 +284,7 @@ class OrganResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a result comes from."""
+    """Where a result comes from; `rig_certificate` is the id of its cameras' certificate, where they have one."""
 
     package_version: str
     spec_digest: str
@@ -292,6 +292,7 @@ class Provenance:
     device: str
     started: str
     finished: str
+    rig_certificate: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 import typer
 
 from services.cli import (
+    certificate,
     compare,
     demo,
     doctor,
@@ -34,6 +35,7 @@ app.command(epilog="Example: nerfmodal identify out/clouds --out out/modes")(loc
 app.command(epilog="Example: nerfmodal compare out/demo out/demo/truth.npz")(compare.compare)
 app.command(epilog="Example: nerfmodal demo --spec examples/acai.yaml --out out/demo")(demo.demo)
 app.command("preflight", epilog="Example: nerfmodal preflight examples/acai.yaml")(preflight.look_ahead)
+app.command(epilog="Example: nerfmodal certify captures/today --out out/certificate")(certificate.certify)
 app.command(epilog="Example: nerfmodal demo-fleet --plants 200 --scans 25")(fleet.demo_fleet)
 app.command(epilog="Example: nerfmodal up --port 8000 --data .nerfmodal --captures /data/captures")(up.up)
 app.command(epilog="Example: nerfmodal worker --queues train,extract --slots 2")(worker.worker)

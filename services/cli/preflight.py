@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,6 +11,7 @@ from nerfmodal.preflight import ExpectedMode, Pace, Preflight, Seen, preflight
 from nerfmodal.spec import CaptureSource, CloudsSource, ScanSpec, SimulationSource
 
 from services.cli.address import Url
+from services.cli.certificate import read_certificate
 from services.cli.output import Json, number, percent, print_json, results, table_of
 from services.cli.progress import duration
 from services.cli.scans import Key, service
@@ -23,6 +25,9 @@ Modes = Annotated[
 NoiseMm = Annotated[
     float | None, typer.Option(help="Noise of a fitted surface in one frame, mm.", min=1e-6, show_default=False)
 ]
+CertificateFile = Annotated[
+    Path | None, typer.Option(help="The rig's certificate.json: its noise is taken.", show_default=False)
+]
 Document = dict[str, Any]
 
 
@@ -30,6 +35,7 @@ def look_ahead(
     spec_file: SpecFile,
     mode: Modes = None,
     noise_mm: NoiseMm = None,
+    certificate: CertificateFile = None,
     url: Url = None,
     key: Key = None,
     as_json: Json = False,
@@ -44,7 +50,7 @@ def look_ahead(
         with service(url, key) as client:
             answer = client.preflight(located(spec), modes=mode or (), noise_mm=noise_mm)
     else:
-        answer = asdict(_here(spec, mode or [], noise_mm))
+        answer = asdict(_here(spec, mode or [], noise_mm, certificate))
     if as_json:
         print_json(answer)
     else:
@@ -53,12 +59,15 @@ def look_ahead(
         raise typer.Exit(REFUSED)
 
 
-def _here(spec: ScanSpec, modes: list[str], noise_mm: float | None) -> Preflight:
+def _here(spec: ScanSpec, modes: list[str], noise_mm: float | None, certificate: Path | None) -> Preflight:
     seen, pixels = _look_inside(spec)
     noise = None if noise_mm is None else noise_mm / 1000
     expected = [_expected(text) for text in modes]
     pace = Pace(slots=os.cpu_count() or 1)
-    return preflight(spec, seen=seen, expected=expected, noise=noise, pixels=pixels, pace=pace)
+    noise_per_grain = None if certificate is None else read_certificate(certificate)["noise_per_grain"]
+    return preflight(
+        spec, seen=seen, expected=expected, noise=noise, noise_per_grain=noise_per_grain, pixels=pixels, pace=pace
+    )
 
 
 def _look_inside(spec: ScanSpec) -> tuple[Seen | None, int | None]:

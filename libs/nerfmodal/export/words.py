@@ -76,6 +76,8 @@ def facts(spec: ScanSpec, result: ScanResult, frame: Frame | None, cloud: PointC
         told["Views"] = f"{count} cameras, {width} × {height} px"
     if cloud is not None:
         told["First cloud"] = f"{len(cloud.points):,} points. {cloud.outcome.value}"
+    if result.provenance.rig_certificate is not None:
+        told["Rig certificate"] = result.provenance.rig_certificate[:16]
     told["Excitation"] = excitation(spec, result)
     told["Displacement"] = (
         f"of virtual sensors on each organ's surface, from {REFERENCES[spec.identification.reference]}"

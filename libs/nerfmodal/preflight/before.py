@@ -25,6 +25,7 @@ def preflight(
     seen: Seen | None = None,
     expected: Sequence[ExpectedMode] = (),
     noise: float | None = None,
+    noise_per_grain: float | None = None,
     pixels: int | None = None,
     pace: Pace | None = None,
 ) -> Preflight:
@@ -39,7 +40,9 @@ def preflight(
     expected
         Modes that the structure is expected to have, beside those that a simulation imposes.
     noise
-        Standard deviation of a modal coordinate in one frame, metres; by default what the pixels' footprint gives.
+        Standard deviation of a modal coordinate in one frame, metres; by default what the grain gives.
+    noise_per_grain
+        The same in grains, from the rig's certificate.
     pixels
         In all views of a frame of a capture; a simulation says it itself.
     pace
@@ -47,7 +50,7 @@ def preflight(
     """
     seen = seen_in(spec) or seen
     record = None if seen is None else limits_of(seen)
-    optics = None if seen is None else optics_of(spec, seen, noise)
+    optics = None if seen is None else optics_of(spec, seen, noise, noise_per_grain)
     excitation, modes = excitation_of(spec), modes_of_spec(spec, expected)
     level = optics.noise_m if optics is not None else noise
     told = tuple(forecast(mode, record, excitation, level) for mode in modes) if record and _holds_modes(record) else ()

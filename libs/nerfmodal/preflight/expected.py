@@ -19,7 +19,7 @@ Measured: from the deviations that fifteen leaf modes of the palm came with (24 
 docs/howto/preflight.md.
 """
 MEASURED = "0.06 of the grain, measured on the simulated palm with 24 cameras"
-GIVEN = "given"
+GIVEN, CERTIFIED = "given", "the rig's certificate"
 FEWEST_PERIODS = 2.0
 VOXELS_ALONG = 192
 """The grid field's finest voxel, where none is given: the region's largest side over this."""
@@ -96,8 +96,11 @@ def limits_of(seen: Seen) -> RecordLimits:
     )
 
 
-def optics_of(spec: ScanSpec, seen: Seen, noise: float | None) -> Optics | None:
-    """How finely the scan sees; None where there are no cameras. `noise` (m) goes before what the grain says."""
+def optics_of(spec: ScanSpec, seen: Seen, noise: float | None, noise_per_grain: float | None) -> Optics | None:
+    """How finely the scan sees; None where there are no cameras.
+
+    `noise` (m) goes before what a certificate says of the grain, and that before the measured constant.
+    """
     if seen.cameras is None or seen.distance is None or seen.footprint is None:
         return None
     grain = max(seen.footprint, _voxel(spec, seen.distance))
@@ -106,8 +109,8 @@ def optics_of(spec: ScanSpec, seen: Seen, noise: float | None) -> Optics | None:
         distance_m=seen.distance,
         footprint_m=seen.footprint,
         grain_m=grain,
-        noise_m=NOISE_PER_GRAIN * grain if noise is None else noise,
-        noise_basis=MEASURED if noise is None else GIVEN,
+        noise_m=noise or (noise_per_grain or NOISE_PER_GRAIN) * grain,
+        noise_basis=GIVEN if noise else CERTIFIED if noise_per_grain else MEASURED,
     )
 
 
