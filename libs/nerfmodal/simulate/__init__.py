@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.simulate.filming import film
 from nerfmodal.simulate.motion import frame_times, modal_masses, reach, shape_at, true_modes, vertices_at
 from nerfmodal.simulate.palm import acai
 from nerfmodal.simulate.plants import EDGE_ROOM, MOTION_ROOM, Organ, Plant
@@ -40,10 +41,10 @@ def render_frame(source: SimulationSource, index: int, seed: int, *, report: Cal
     if source.renderer == "blender":
         from nerfmodal.simulate import blender
 
-        return blender.render_frame(source, index, seed, report=report)
+        return film(source, index, seed, blender.open_studio, report=report)
     from nerfmodal.simulate import preview
 
-    return preview.render_frame(source, index, seed, report=report)
+    return film(source, index, seed, preview.open_studio, report=report)
 
 
 def check_source(source: SimulationSource) -> None:

@@ -22,7 +22,7 @@ PLATE_LENGTH, PLATE_WIDTH, PLATE_THICKNESS = 1.2, 0.7, 0.003
 """An aluminium sheet that stands out from a post, metres."""
 PLATE_ABOVE_GROUND = 1.1
 ALUMINIUM_MODULUS, ALUMINIUM_DENSITY, POISSON = 70e9, 2700.0, 0.3
-RED, WHITE, CONCRETE = np.array([0.45, 0.04, 0.03]), np.array([0.52, 0.51, 0.48]), np.array([0.32, 0.31, 0.29])
+RED, WHITE, CONCRETE = np.array([0.45, 0.04, 0.03]), np.array([0.52, 0.51, 0.48]), np.array([0.20, 0.19, 0.18])
 BAND = 0.5
 """Height of a band of paint, metres."""
 CELL = 0.012
@@ -83,7 +83,7 @@ def plate() -> Plant:
     shares = np.outer(_trapezoid(rows), _trapezoid(columns)).ravel()
     sheet = Patch(
         vertices=vertices,
-        triangles=grid_triangles(rows, columns),
+        triangles=grid_triangles(rows, columns)[:, ::-1],  # facing up, where the light comes from
         colors=_speckled(vertices, np.random.default_rng(0)),
         along=s.ravel(),
         across=y.ravel(),

@@ -26,7 +26,7 @@ def blade(surface: LeafSurface, random: np.random.Generator, *, rows: int = 29, 
     area = form.length / (rows - 1) * 2 * half / columns
     return Patch(
         vertices=surface.points(flat_s, flat_y) + lift,
-        triangles=grid_triangles(rows, columns),
+        triangles=grid_triangles(rows, columns)[:, ::-1],  # facing up, where the light comes from
         colors=_veined(flat_s, edge.ravel(), random),
         along=flat_s,
         across=flat_y,

@@ -11,7 +11,7 @@ Blender's camera looks along -z with +y up, as `types.Camera` does; its lens is 
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,13 +23,9 @@ from jaxtyping import Float, Int, UInt8
 from PIL import Image
 
 from nerfmodal.errors import MissingExtra
-from nerfmodal.geometry.cameras import semi_spherical_rig
-from nerfmodal.simulate.motion import frame_times, vertices_at
 from nerfmodal.simulate.patches import grid_triangles
-from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, check_rig
-from nerfmodal.simulate.structures import plant_of
-from nerfmodal.spec import SimulationSource
-from nerfmodal.types import Camera, Frame, Mesh
+from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF
+from nerfmodal.types import Camera, Mesh
 
 SENSOR_MM = 36.0
 SKY = "sunrise.exr"
@@ -44,42 +40,35 @@ NEAR_GROUND, NEAR_STEP = 2.4, 0.08
 """The ground's light is baked this finely (m) within this distance (m) of the plant."""
 
 
-def render_frame(source: SimulationSource, index: int, seed: int, *, report: Callable[[int, int], None]) -> Frame:
-    """All views of frame `index`, rendered by Cycles.
+@contextmanager
+def open_studio(mesh: Mesh, vertices: Float[np.ndarray, "vertices 3"], seed: int) -> Iterator["BlenderStudio"]:
+    """A studio of `mesh` with its vertices at `vertices` (metres), where the sky shines on them.
 
-    `report(done, total)` is called after each view; what it raises stops the rendering.
-    Raises `MissingExtra` without bpy and `InvalidSpec` for modes or cameras that cannot be.
+    Raises `MissingExtra` without bpy.
     """
-    plant, rig = plant_of(source), semi_spherical_rig(source.rig)
-    check_rig(rig, plant)
-    time = float(frame_times(source)[index])
-    vertices = vertices_at(plant, source, time)
-    images = render_views(plant.mesh, vertices, rig.cameras, samples=source.samples, seed=seed, report=report)
-    return Frame(index=index, time=time, images=images, rig=rig)
-
-
-def render_views(
-    mesh: Mesh,
-    vertices: Float[np.ndarray, "vertices 3"],
-    cameras: tuple[Camera, ...],
-    *,
-    samples: int,
-    seed: int,
-    report: Callable[[int, int], None],
-) -> UInt8[np.ndarray, "cameras height width 3"]:
-    """Pictures of `mesh` with its vertices moved to `vertices` (metres). Raises `MissingExtra`."""
-    pictures = []
     with tempfile.TemporaryDirectory(prefix="nerfmodal-", dir=_memory_folder()) as folder:
-        file = Path(folder) / "view.png"
         with _quiet_stdout():
             stage = _stage(_SameMesh(mesh))
             stage.prepare(vertices, seed)
-        for done, camera in enumerate(cameras, start=1):
-            with _quiet_stdout():
-                stage.shoot(camera, samples, file)
-            pictures.append(_read(file))
-            report(done, len(cameras))
-    return np.stack(pictures)
+        yield BlenderStudio(stage, Path(folder) / "view.png")
+
+
+@dataclass(frozen=True, slots=True)
+class BlenderStudio:
+    """A structure in the one scene of this process; pictures pass through `file`."""
+
+    stage: "_Stage"
+    file: Path
+
+    def move(self, vertices: Float[np.ndarray, "vertices 3"]) -> None:
+        """Put the vertices there (metres); the light on them stays."""
+        self.stage.place(vertices)
+
+    def shoot(self, camera: Camera, samples: int) -> UInt8[np.ndarray, "height width 3"]:
+        """What the camera sees, by `samples` paths a pixel."""
+        with _quiet_stdout():
+            self.stage.shoot(camera, samples, self.file)
+        return _read(self.file)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +94,15 @@ class _Stage:
 
     def prepare(self, vertices: Float[np.ndarray, "vertices 3"], seed: int) -> None:
         """Move the plant and let the sky shine on it."""
+        self.place(vertices)
+        self.bpy.context.scene.cycles.seed = seed % 2**31
+        self.bake(self.plant, PLANT_PATHS)
+
+    def place(self, vertices: Float[np.ndarray, "vertices 3"]) -> None:
+        """Move the plant."""
         data = self.plant.item.data
         data.vertices.foreach_set("co", np.ascontiguousarray(vertices, dtype=np.float32).ravel())
         data.update()
-        self.bpy.context.scene.cycles.seed = seed % 2**31
-        self.bake(self.plant, PLANT_PATHS)
 
     def bake(self, surface: _Surface, paths: int) -> None:
         """Path-trace the light on the surface's vertices."""
@@ -164,6 +157,7 @@ def _stage(plant: _SameMesh) -> _Stage:
     bpy = _import_bpy()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _set_render(bpy.context.scene)
+    bpy.context.scene.cycles.device = _device(bpy.context.preferences.addons["cycles"].preferences)
     _add_sky(bpy)
     _add_camera(bpy)
     stage = _Stage(bpy, _add_plant(bpy, plant.mesh), _add_ground(bpy))
@@ -192,10 +186,29 @@ def _set_render(scene: Any) -> None:
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
-    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
+    cycles.use_denoising, cycles.use_adaptive_sampling = False, False
     cycles.diffuse_bounces, cycles.glossy_bounces = 2, 1
     cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 1
     cycles.caustics_reflective, cycles.caustics_refractive = False, False
+
+
+def _device(preferences: Any) -> str:
+    """ "GPU" where Cycles finds one, of whatever make, else "CPU"."""
+    for make in ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL"):
+        found = [device for device in _devices(preferences, make) if device.type == make]
+        if found:
+            preferences.compute_device_type = make
+            for device in found:
+                device.use = True
+            return "GPU"
+    return "CPU"
+
+
+def _devices(preferences: Any, make: str) -> list[Any]:
+    try:
+        return list(preferences.get_devices_for_type(make))
+    except (TypeError, ValueError):  # this build of Cycles does not know the make
+        return []
 
 
 def _add_plant(bpy: Any, mesh: Mesh) -> _Surface:

@@ -4,20 +4,19 @@ Shading is Lambert's under one sun, with a shadow ray, plus a sky that is bright
 Each pixel is the mean of `samples` rays on a fixed pattern, so pictures have no noise.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from nerfmodal.errors import MissingExtra
-from nerfmodal.geometry.cameras import semi_spherical_rig, unproject
+from nerfmodal.geometry.cameras import unproject
 from nerfmodal.geometry.rays import pixel_centers
-from nerfmodal.simulate.motion import frame_times, vertices_at
-from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, check_rig
-from nerfmodal.simulate.structures import plant_of
-from nerfmodal.spec import SimulationSource
-from nerfmodal.types import Camera, Frame, Mesh
+from nerfmodal.simulate.light import to_srgb
+from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF
+from nerfmodal.types import Camera, Mesh
 
 SUN = np.array([0.45, -0.30, 0.84]) / np.linalg.norm([0.45, -0.30, 0.84])
 SUNLIGHT = np.array([1.05, 1.00, 0.90])
@@ -27,35 +26,33 @@ SHADOW_BIAS = 1e-3
 """Shadow rays start this far (m) off the surface, beyond its own rounding."""
 
 
-def render_frame(source: SimulationSource, index: int, seed: int, *, report: Callable[[int, int], None]) -> Frame:  # noqa: ARG001
-    """All views of frame `index`, ray-cast. There is no chance in them: `seed` changes nothing.
+@contextmanager
+def open_studio(mesh: Mesh, vertices: Float[np.ndarray, "vertices 3"], seed: int) -> Iterator["PreviewStudio"]:  # noqa: ARG001
+    """A studio of `mesh` with its vertices at `vertices` (metres). There is no chance in it: `seed` changes nothing.
 
-    `report(done, total)` is called after each view; what it raises stops the rendering.
-    Raises `MissingExtra` without open3d and `InvalidSpec` for modes or cameras that cannot be.
+    Raises `MissingExtra` without open3d.
     """
-    plant, rig = plant_of(source), semi_spherical_rig(source.rig)
-    check_rig(rig, plant)
-    time = float(frame_times(source)[index])
-    vertices = vertices_at(plant, source, time)
-    images = render_views(plant.mesh, vertices, rig.cameras, samples=source.samples, report=report)
-    return Frame(index=index, time=time, images=images, rig=rig)
+    yield PreviewStudio(mesh, vertices)
 
 
-def render_views(
-    mesh: Mesh,
-    vertices: Float[np.ndarray, "vertices 3"],
-    cameras: tuple[Camera, ...],
-    *,
-    samples: int,
-    report: Callable[[int, int], None],
-) -> UInt8[np.ndarray, "cameras height width 3"]:
-    """Pictures of `mesh` with its vertices moved to `vertices` (metres). Raises `MissingExtra`."""
-    scene = _Scene(mesh, vertices)
-    pictures = []
-    for done, camera in enumerate(cameras, start=1):
-        pictures.append(_shoot(scene, camera, samples))
-        report(done, len(cameras))
-    return np.stack(pictures)
+class PreviewStudio:
+    """A ray-cast structure under one sun."""
+
+    def __init__(self, mesh: Mesh, vertices: Float[np.ndarray, "vertices 3"]) -> None:
+        self._mesh = mesh
+        self._scene = _Scene(mesh, vertices)
+
+    def move(self, vertices: Float[np.ndarray, "vertices 3"]) -> None:
+        """Put the vertices there (metres)."""
+        self._scene = _Scene(self._mesh, vertices)
+
+    def shoot(self, camera: Camera, samples: int) -> UInt8[np.ndarray, "height width 3"]:
+        """What the camera sees; each pixel is the mean of `samples` rays."""
+        total = np.zeros((camera.width * camera.height, 3))
+        origins = np.tile(camera.camera_to_world[:3, 3], (len(total), 1))
+        for offset in subpixels(samples):
+            total += self._scene.shade(origins, unproject(camera, pixel_centers(camera) + offset))
+        return to_srgb(total / samples).reshape(camera.height, camera.width, 3)
 
 
 def depth_maps(
@@ -142,14 +139,6 @@ class _Scene:
         return self._tree.cast_rays(self._o3d.core.Tensor(rays), nthreads=1)
 
 
-def _shoot(scene: _Scene, camera: Camera, samples: int) -> UInt8[np.ndarray, "height width 3"]:
-    total = np.zeros((camera.width * camera.height, 3))
-    origins = np.tile(camera.camera_to_world[:3, 3], (len(total), 1))
-    for offset in subpixels(samples):
-        total += scene.shade(origins, unproject(camera, pixel_centers(camera) + offset))
-    return to_srgb(total / samples).reshape(camera.height, camera.width, 3)
-
-
 def vertex_normals(vertices: Float[np.ndarray, "vertices 3"], triangles: Any) -> Float[np.ndarray, "vertices 3"]:
     """Unit normals of vertices, the mean of their triangles' weighted by area."""
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
@@ -158,13 +147,6 @@ def vertex_normals(vertices: Float[np.ndarray, "vertices 3"], triangles: Any) ->
     for corner in range(3):
         np.add.at(sums, triangles[:, corner], faces)
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
-
-
-def to_srgb(linear: Float[np.ndarray, "pixels 3"]) -> UInt8[np.ndarray, "pixels 3"]:
-    """Display values of linear light (IEC 61966-2-1)."""
-    light = np.clip(linear, 0.0, 1.0)
-    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
-    return np.round(255 * curve).astype(np.uint8)
 
 
 def _meet_ground(

@@ -53,15 +53,19 @@ def centroid(camera: Camera, seen: np.ndarray, unseen: np.ndarray, near: np.ndar
     return np.array([(hidden * columns).sum(), (hidden * rows).sum()]) / hidden.sum()
 
 
+def views_of(renderer: str, mesh: Mesh, moved: np.ndarray, cameras: tuple[Camera, ...], samples: int) -> np.ndarray:
+    """Pictures of a mesh whose vertices were moved."""
+    open_studio = blender.open_studio if renderer == "blender" else preview.open_studio
+    with open_studio(mesh, moved, 3) as studio:
+        return np.stack([studio.shoot(camera, samples) for camera in cameras])
+
+
 def see_ball(renderer: str, cameras: tuple[Camera, ...], center: np.ndarray) -> list[np.ndarray]:
     """How far from its projection, in pixels, each camera sees a ball."""
     mesh = ball(center, 0.06)
     pictures = []
     for moved in (mesh.vertices, mesh.vertices - np.array([0.0, 0.0, 5.0])):
-        if renderer == "blender":
-            pictures.append(blender.render_views(mesh, moved, cameras, samples=64, seed=3, report=nothing))
-        else:
-            pictures.append(preview.render_views(mesh, moved, cameras, samples=64, report=nothing))
+        pictures.append(views_of(renderer, mesh, moved, cameras, 64))
     spots = [project(camera, center[None])[0][0] for camera in cameras]
     return [
         centroid(camera, seen, unseen, spot) - spot
@@ -74,10 +78,7 @@ def silhouettes(renderer: str) -> np.ndarray:
     mesh, cameras = acai().mesh, semi_spherical_rig(RIG).cameras
     pictures = []
     for moved in (mesh.vertices, mesh.vertices - np.array([0.0, 0.0, 9.0])):
-        if renderer == "blender":
-            pictures.append(blender.render_views(mesh, moved, cameras, samples=8, seed=3, report=nothing))
-        else:
-            pictures.append(preview.render_views(mesh, moved, cameras, samples=8, report=nothing))
+        pictures.append(views_of(renderer, mesh, moved, cameras, 8))
     return np.abs(pictures[0].astype(int) - pictures[1]).max(axis=3) > 40
 
 
@@ -168,3 +169,35 @@ def test_the_palm_fills_the_picture_of_the_shipped_rig():
     pixels = np.concatenate([project(camera, acai().mesh.vertices)[0] for camera in semi_spherical_rig(RIG).cameras])
     assert pixels.min() > 0
     assert pixels.max() < 64
+
+
+class Device:
+    """What Cycles says of a device."""
+
+    def __init__(self, kind: str) -> None:
+        self.type, self.use = kind, False
+
+
+class Preferences:
+    """Cycles' preferences on a machine with these devices; unknown makes are refused as Blender refuses them."""
+
+    compute_device_type = "NONE"
+
+    def __init__(self, *kinds: str) -> None:
+        self.devices = [Device(kind) for kind in kinds]
+
+    def get_devices_for_type(self, make: str) -> list[Device]:
+        if make == "METAL":
+            raise TypeError(make)
+        return [device for device in self.devices if device.type in {make, "CPU"}]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "device", "make"),
+    [((), "CPU", "NONE"), (("CPU",), "CPU", "NONE"), (("CPU", "CUDA"), "GPU", "CUDA"), (("HIP", "HIP"), "GPU", "HIP")],
+)
+def test_graphics_cards_are_used_where_cycles_finds_them(kinds, device, make):
+    preferences = Preferences(*kinds)
+    assert blender._device(preferences) == device
+    assert preferences.compute_device_type == make
+    assert [one.use for one in preferences.devices] == [one.type == make for one in preferences.devices]
