@@ -117,6 +117,14 @@ class AsyncClient:
         """Ask the scan to stop. Raises `Conflict` when it is over."""
         return await self._scan(calls.cancel(scan))
 
+    async def pause(self, scan: str) -> Scan:
+        """Begin no more steps of the scan until it is resumed. Raises `Conflict` when it is over."""
+        return await self._scan(calls.pause(scan))
+
+    async def resume(self, scan: str) -> Scan:
+        """Go on with a paused scan. Raises `Conflict` when it is over."""
+        return await self._scan(calls.resume(scan))
+
     async def retry(self, scan: str, from_step: str | None = None, frames: Sequence[int] = ()) -> Scan:
         """Run a scan that is over again, from `from_step` on, of `frames` alone if given."""
         return await self._scan(calls.retry(scan, from_step, frames))

@@ -58,6 +58,14 @@ def cancel(scan: str) -> Call:
     return Call(method="POST", path=_path(scan, "cancel"))
 
 
+def pause(scan: str) -> Call:
+    return Call(method="POST", path=_path(scan, "pause"))
+
+
+def resume(scan: str) -> Call:
+    return Call(method="POST", path=_path(scan, "resume"))
+
+
 def retry(scan: str, from_step: str | None, frames: Sequence[int] = ()) -> Call:
     params: Params = {"from": from_step} if from_step else {}
     if frames:

@@ -127,6 +127,14 @@ class Client:
         """Ask the scan to stop. Raises `Conflict` when it is over."""
         return self._scan(calls.cancel(scan))
 
+    def pause(self, scan: str) -> Scan:
+        """Begin no more steps of the scan until it is resumed. Raises `Conflict` when it is over."""
+        return self._scan(calls.pause(scan))
+
+    def resume(self, scan: str) -> Scan:
+        """Go on with a paused scan. Raises `Conflict` when it is over."""
+        return self._scan(calls.resume(scan))
+
     def retry(self, scan: str, from_step: str | None = None, frames: Sequence[int] = ()) -> Scan:
         """Run a scan that is over again, from `from_step` on (``scan.identify``), of `frames` alone if given."""
         return self._scan(calls.retry(scan, from_step, frames))

@@ -43,6 +43,7 @@ from services.api.routes import (
     tracks,
     uploads,
     webhooks,
+    workers,
 )
 
 ROUTES = (
@@ -57,6 +58,7 @@ ROUTES = (
     captures,
     keys,
     webhooks,
+    workers,
     fleet,
     plants,
     environment,

@@ -8,6 +8,7 @@ from uuid import UUID
 from fastapi import Depends, Path, Request
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.errors import NotFound
+from scanjobs.repository import LOCAL_OWNER
 from scanjobs.scopes import Principal, Scope
 from scanjobs.settings import Settings
 from scanjobs.store import Store
@@ -65,6 +66,14 @@ def owner_who_may(scope: Scope) -> Callable[[Request, str], Awaitable[str]]:
     return allowed
 
 
+async def operator_of(owner: Annotated[str, Depends(owner_who_may(Scope.ADMIN))]) -> str:
+    """The owner, if he runs the service: an `admin` key of another owner is master of that owner alone."""
+    if owner != LOCAL_OWNER:
+        detail = "This is for the operator of the service."
+        raise RequestRefused(403, "FORBIDDEN", detail, hint=f"Use a key of the owner '{LOCAL_OWNER}' with 'admin'.")
+    return owner
+
+
 async def scan_id_of(scan_id: Annotated[str, Path(description="Id of a scan.")]) -> str:
     """The id in the path; what is no id cannot be found."""
     return uuid_of(scan_id, "scan", "GET /v1/scans")
@@ -82,4 +91,5 @@ TheParts = Annotated[Parts, Depends(parts_of)]
 Owner = Annotated[str, Depends(owner_who_may(Scope.READ))]
 Submitter = Annotated[str, Depends(owner_who_may(Scope.SUBMIT))]
 Administrator = Annotated[str, Depends(owner_who_may(Scope.ADMIN))]
+Operator = Annotated[str, Depends(operator_of)]
 ScanId = Annotated[str, Depends(scan_id_of)]

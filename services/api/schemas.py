@@ -1,13 +1,13 @@
 """What the API says, as pydantic models: they are the OpenAPI document. Times are RFC 3339 UTC, units in the names."""
 
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from nerfmodal.spec import ScanSpec
 from pydantic import BaseModel, Field
 from scanjobs.repository import KindSummary, StoredFile
 from scanjobs.states import ScanState
-from scanjobs.tables import Scan, Step
+from scanjobs.tables import Scan, Step, Worker
 
 Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
 STATES_OF: dict[Status, tuple[ScanState, ...]] = {
@@ -82,6 +82,7 @@ class ScanSummary(BaseModel):
     name: str
     status: Status
     state: str = Field(description="The exact state; `status` puts the passing ones (paused, canceling) in five words.")
+    paused_for: str | None = Field(description="Of a paused scan: asked, disk_low or quota.")
     source: str
     plant: str | None
     tags: list[str]
@@ -202,6 +203,29 @@ class PresetList(BaseModel):
     items: list[Preset]
 
 
+class PresentWorker(BaseModel):
+    """A worker that has not said goodbye."""
+
+    id: str
+    state: Literal["active", "paused", "draining"]
+    host: str
+    queues: list[str]
+    slots: int
+    started_at: datetime | None
+
+    @classmethod
+    def of(cls, row: Worker) -> "PresentWorker":
+        state, queues = cast("Literal['active', 'paused', 'draining']", row.state), row.queues.split(",")
+        started_at = instant(row.started_at)
+        return cls(id=row.id, state=state, host=row.host, queues=queues, slots=row.slots, started_at=started_at)
+
+
+class WorkerList(BaseModel):
+    """The workers of the service."""
+
+    items: list[PresentWorker]
+
+
 class WorkerDetail(BaseModel):
     """A worker that is alive."""
 
@@ -238,6 +262,7 @@ def _fields(scan: Scan, progress: tuple[KindSummary, ...]) -> dict[str, Any]:
         "name": scan.name,
         "status": STATUS_OF[ScanState(scan.state)],
         "state": scan.state,
+        "paused_for": scan.paused_for,
         "source": scan.source_kind,
         "plant": scan.plant,
         "tags": [row.tag for row in scan.tags],

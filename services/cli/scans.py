@@ -95,6 +95,20 @@ def cancel(scan_id: ScanId, url: Url = None, key: Key = None, as_json: Json = Fa
         show_scan(client.cancel(scan_id), as_json=as_json)
 
 
+@app.command(epilog="Example: nerfmodal scans pause 0190c0de-0000-7000-8000-000000000000")
+def pause(scan_id: ScanId, url: Url = None, key: Key = None, as_json: Json = False) -> None:
+    """Begin no more steps of a scan; what is computed is finished and counts."""
+    with service(url, key) as client:
+        show_scan(client.pause(scan_id), as_json=as_json)
+
+
+@app.command(epilog="Example: nerfmodal scans resume 0190c0de-0000-7000-8000-000000000000")
+def resume(scan_id: ScanId, url: Url = None, key: Key = None, as_json: Json = False) -> None:
+    """Go on with a paused scan."""
+    with service(url, key) as client:
+        show_scan(client.resume(scan_id), as_json=as_json)
+
+
 @app.command(epilog="Example: nerfmodal scans retry 0190c0de-0000-7000-8000-000000000000 --from scan.identify")
 def retry(
     scan_id: ScanId,

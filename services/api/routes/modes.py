@@ -18,13 +18,19 @@ from services.api.schemas import ModeShape
 
 NPZ = "application/vnd.numpy.npz"
 Arrays = Mapping[str, np.ndarray]
+SO_FAR = "so_far/modes.json"
+"""The role of the modes of the first frames, told while the others are computed."""
 PER_SENSOR = ("positions", "shape")
 router = APIRouter(prefix="/v1/scans/{scan_id}/modes", tags=["modes"])
 
 
 @router.get("", response_class=JSONResponse)
 def modes(scan_id: ScanId, parts: TheParts, owner: Owner) -> Response:
-    """The scan's modes.json, byte for byte: accepted, doubtful and rejected modes with their verdicts."""
+    """The scan's modes.json, byte for byte: accepted, doubtful and rejected modes with their verdicts.
+
+    Before the end: the newest modes so far, where the specification asks for them with `partial_every`; their key
+    `partial` says of how many frames they are.
+    """
     return Response(_document_bytes(parts, scan_id, owner), media_type="application/json")
 
 
@@ -99,5 +105,12 @@ def as_json(arrays: Arrays, organ: str, frequency: float | None) -> dict[str, An
 
 def _document_bytes(parts: Parts, scan_id: str, owner: str) -> bytes:
     with parts.store.read() as session:
-        file = find_artifact(session, get_scan(session, scan_id, owner=owner), "modes.json", kind=IDENTIFY)
+        scan = get_scan(session, scan_id, owner=owner)
+        try:
+            file = find_artifact(session, scan, "modes.json", kind=IDENTIFY)
+        except NotFound as error:
+            try:
+                file = find_artifact(session, scan, SO_FAR, kind=IDENTIFY)
+            except NotFound:
+                raise error from None
     return parts.artifacts.path(file.digest).read_bytes()

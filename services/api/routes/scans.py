@@ -13,6 +13,7 @@ from pydantic import Field
 from scanjobs.captures import locate_source
 from scanjobs.control import cancel_scan, retry_scan
 from scanjobs.intake import Asked, Idempotency, Submission
+from scanjobs.pausing import pause_scan, resume_scan
 from scanjobs.repository import (
     HIGHEST_LIMIT,
     get_scan,
@@ -111,6 +112,20 @@ def cancel(scan_id: ScanId, parts: TheParts, owner: Submitter) -> ScanDetail:
     return look(parts.store, scan_id, owner)
 
 
+@router.post("/{scan_id}/pause", status_code=202)
+def pause(scan_id: ScanId, parts: TheParts, owner: Submitter) -> ScanDetail:
+    """Begin no more steps of a scan until it is resumed; what computes goes on and counts. 409 when it has ended."""
+    parts.store.write(lambda session: pause_scan(session, scan_id, owner=owner))
+    return look(parts.store, scan_id, owner)
+
+
+@router.post("/{scan_id}/resume", status_code=202)
+def resume(scan_id: ScanId, parts: TheParts, owner: Submitter) -> ScanDetail:
+    """Go on with a paused scan, whatever the cause; while that holds it is paused again. 409 when it has ended."""
+    parts.store.write(lambda session: resume_scan(session, scan_id, owner=owner))
+    return look(parts.store, scan_id, owner)
+
+
 @router.post("/{scan_id}/retry", status_code=202)
 def retry(
     scan_id: ScanId,
@@ -138,6 +153,11 @@ def storable(spec: ScanSpec) -> tuple[dict[str, Any], str]:
         raise
     # canonical JSON escapes what is not ASCII; where there is none the text at hand is that of `ScanSpec.digest`
     return document, hashlib.sha256(data).hexdigest() if text.isascii() else spec.digest()
+
+
+def refuse_unstorable(spec: ScanSpec) -> None:
+    """`storable`, where nothing is stored yet."""
+    storable(spec)
 
 
 def _refuse_leaf(spec: ScanSpec) -> None:

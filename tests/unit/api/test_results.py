@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 
 from services.api.app import create_app
 from services.api.routes.modes import thin
-from tests.unit.api.service import Service
+from tests.unit.api.service import Service, simulation
 
 SENSORS = 50
 POSITIONS = np.arange(SENSORS * 3).reshape(SENSORS, 3) / 100
@@ -210,3 +210,16 @@ def test_every_reference_in_the_openapi_document_leads_somewhere(service: Servic
     document = service.http.get("/openapi.json").json()
     named = set(re.findall(r"#/components/schemas/([A-Za-z-_]+)", json.dumps(document)))
     assert named <= set(document["components"]["schemas"])
+
+
+def test_modes_so_far_are_told_before_the_end_and_replaced_by_it(service: Service) -> None:
+    source = simulation()["source"] | {"frames": 40}
+    scan_id = service.submit(simulation(source=source, partial_every=16))["id"]
+    address = f"/v1/scans/{scan_id}/modes"
+    assert service.http.get(address).status_code == 404
+    for frames in (16, 32):
+        document = json.dumps({"partial": {"frames": frames}, "organs": []}).encode()
+        service.give(scan_id, {"so_far/modes.json": document}, frame=frames)
+    assert service.http.get(address).json()["partial"] == {"frames": 32}
+    service.give(scan_id, {"modes.json": b'{"organs": []}'})
+    assert "partial" not in service.http.get(address).json()
