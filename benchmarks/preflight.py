@@ -22,8 +22,8 @@ from benchmarks.rows import Row
 from tests.fixtures.moving_clouds import HALF_WIDTH, LENGTH, SHAPES, Flaws, Mode, Scene, leaf_clouds
 
 OUT = Path("out/benchmarks/preflight.json")
-DEGREE, PLACES = 5, 600
-"""Of the surface that follows the leaf, and places at which its bias is compared with a shape."""
+DEGREE, PLACES, POINTS = 5, 600, 2000
+"""Of the surface that follows the leaf; places at which its errors are compared with a shape; points of a cloud."""
 NEAR_HZ = 0.5
 
 
@@ -112,17 +112,18 @@ def forecasts(trial: Trial) -> list[tuple[float, float]]:
             spec,
             seen=Seen(frames=trial.frames, frame_rate=trial.frame_rate),
             expected=[ExpectedMode(frequency=mode.frequency, damping_ratio=mode.damping, amplitude=mode.amplitude)],
-            noise=trial.bias * noise_per_bias(mode.shape),
+            noise=noise_of(mode.shape, trial.bias),
         ).modes
         told.append((line.frequency_std_hz, line.damping_std or np.nan))
     return told
 
 
-def noise_per_bias(shape: str) -> float:
-    """Noise of a modal coordinate for a bias of 1 with the generator's correlation: that of a weighted fit.
+def noise_of(shape: str, bias: float) -> float:
+    """Noise of a modal coordinate (m) in clouds of this bias and the generator's own noise of a point.
 
-    1 / sqrt(bᵀ S⁻¹ b) with the shape b and the covariance S of the bias in coefficients of the surface: 0.79 for the
-    first bending, 0.59 for the second, 0.38 for the torsion.
+    That of a weighted fit: 1 / sqrt(bᵀ S⁻¹ b) with the shape b and the covariance S of a frame's errors in
+    coefficients of the surface. Of a bias alone: 0.79 of it for the first bending, 0.59 for the second, 0.38 for the
+    torsion.
     """
     rng = np.random.default_rng(0)
     s, y = rng.uniform(0, 1, PLACES), rng.uniform(-1, 1, PLACES)
@@ -130,12 +131,14 @@ def noise_per_bias(shape: str) -> float:
     s, y = s[inside], y[inside]
     x, z = s * LENGTH, y * HALF_WIDTH
     distance = np.hypot(np.subtract.outer(x, x), np.subtract.outer(z, z))
-    covariance = np.exp(-0.5 * (distance / Flaws().bias_length) ** 2)
-    terms = [(2 * s - 1) ** i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    fit = np.linalg.pinv(np.stack(terms, axis=1))
+    smooth = np.exp(-0.5 * (distance / Flaws().bias_length) ** 2)
+    terms = np.stack([(2 * s - 1) ** i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=1)
+    fit = np.linalg.pinv(terms)
+    points = np.linalg.inv(terms.T @ terms) * len(s) / POINTS
+    covariance = bias**2 * fit @ smooth @ fit.T + Flaws().noise ** 2 * points
     size = SHAPES[shape](s, y)
     coefficients = fit @ (size / np.abs(size).max())
-    return float(1 / np.sqrt(coefficients @ np.linalg.solve(fit @ covariance @ fit.T, coefficients)))
+    return float(1 / np.sqrt(coefficients @ np.linalg.solve(covariance, coefficients)))
 
 
 def errors_of(trial: Trial, seed: int) -> np.ndarray:
@@ -143,7 +146,7 @@ def errors_of(trial: Trial, seed: int) -> np.ndarray:
     rng = np.random.default_rng(5000 + seed)
     modes = tuple(replace(mode, phase=rng.uniform(0, 2 * np.pi)) for mode in trial.modes)
     times = np.arange(trial.frames) / trial.frame_rate
-    clouds, _ = leaf_clouds(Scene(modes=modes, times=times, points=2000, flaws=Flaws(bias=trial.bias)), seed)
+    clouds, _ = leaf_clouds(Scene(modes=modes, times=times, points=POINTS, flaws=Flaws(bias=trial.bias)), seed)
     track = measure_organ(
         OrganSpec(name="leaf", sensors=300),
         clouds,
