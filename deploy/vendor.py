@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 TARGET = Path(__file__).parents[1] / "services/api/console/vendor"
-MODULE = "./three.module.min.js"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Package:
-    """A package: which of its files become which of ours, and the words in them that are changed."""
+    """A package: which of its files become which of ours, and the words in them that are changed.
+
+    A bare name in an import would need an import map in the page, which is inline script: such names become paths.
+    """
 
     name: str
     version: str
@@ -35,16 +37,21 @@ PACKAGES = (
     Package(
         name="htm",
         version="3.1.1",
-        licence="Apache-2.0, with preact (MIT) in it",
+        licence="Apache-2.0",
         sha512="983Vyg8NwUE7JkZ6NmOqpCZ+sh1bKv2iYTlUkzlWmA5JD2acKoxd4KVxbMmxX/85mtfdnDmTFoNKcg5DGAvxNQ==",
-        files={"preact/standalone.module.js": "preact.js", "LICENSE": "htm.LICENSE"},
+        files={"dist/htm.module.js": "htm.js", "LICENSE": "htm.LICENSE"},
     ),
     Package(
         name="preact",
         version="10.25.4",
         licence="MIT",
         sha512="jLdZDb+Q+odkHJ+MpW/9U5cODzqnB+fy2EiHSZES7ldV5LK7yjlVzTp7R8Xy6W6y75kfK8iWYtFVH7lvjwrCMA==",
-        files={"LICENSE": "preact.LICENSE"},  # its code comes inside htm's file
+        files={
+            "dist/preact.module.js": "preact.js",
+            "hooks/dist/hooks.module.js": "hooks.js",
+            "LICENSE": "preact.LICENSE",
+        },
+        changes={'from"preact"': 'from"./preact.js"', "//# sourceMappingURL": "// source map: not vendored"},
     ),
     Package(
         name="uplot",
@@ -64,7 +71,7 @@ PACKAGES = (
             "examples/jsm/controls/OrbitControls.js": "orbit.js",
             "LICENSE": "three.LICENSE",
         },
-        changes={"from 'three';": f"from '{MODULE}';"},  # a bare name would need an import map, which is inline script
+        changes={"from 'three';": "from './three.module.min.js';"},
     ),
 )
 

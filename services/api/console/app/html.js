@@ -1,10 +1,12 @@
 /**
  * The one place that names the library behind the page: elements as tagged templates, and hooks.
  */
+import htm from "../vendor/htm.js";
+import { h } from "../vendor/preact.js";
+
+export const html = htm.bind(h);
+export { createContext, render } from "../vendor/preact.js";
 export {
-  html,
-  render,
-  createContext,
   useCallback,
   useContext,
   useEffect,
@@ -13,4 +15,4 @@ export {
   useMemo,
   useRef,
   useState,
-} from "../vendor/preact.js";
+} from "../vendor/hooks.js";

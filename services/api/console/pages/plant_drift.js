@@ -13,8 +13,8 @@ export function Drift({ story }) {
   const nameOf = (track) => story.tracks.find((one) => one.id === track)?.name ?? "all tracks";
   if (!drift?.charts?.length) return html`<p class="wait">Control charts begin once there are enough scans for a reference.</p>`;
   return html`
-    <p class="small">Reference: ${drift.reference.scans} scans from ${day(drift.reference.from)} to ${day(drift.reference.until)}.
-      ${drift.covariates?.length ? `What ${drift.covariates.join(", ")} explain is taken off before.` : "Nothing of the environment is taken off."}</p>
+    <p class="small">Reference: ${drift.reference.scans} scans from ${day(drift.reference.from)} to ${day(drift.reference.until)}. ${drift.covariates?.length ? `What ${drift.covariates.join(", ")} explain is taken off before.` : "Nothing of the environment is taken off."}</p>
+    <p class="small">Diamonds are signals: values beyond the dashed limits.</p>
     <div class="two">${drift.charts.map((one, k) => html`<${Control} key=${k} chart=${one} name=${nameOf(one.track)} />`)}</div>
     <${Findings} drift=${drift} nameOf=${nameOf} />`;
 }
@@ -23,7 +23,7 @@ function Control({ chart, name }) {
   const x = chart.at.map(seconds);
   const side = (signal) => chart.value.map((value, k) => (chart.signal[k] === signal ? value : null));
   const limits = [chart.limit, chart.chart === "ewma" ? 2 * (chart.center ?? 0) - chart.limit : null].filter((one) => one != null);
-  return html`<${Chart} title=${`${NAMES[chart.chart] ?? chart.chart}, ${name}`} x=${x} time xLabel="" yLabel="σ" height=${190}
+  return html`<${Chart} title=${`${NAMES[chart.chart] ?? chart.chart}, ${name}`} x=${x} time xLabel="" yLabel="σ" height=${190} legend=${false}
     levels=${limits.map((y) => ({ y, hue: "vermillion" }))} yRange=${rangeOf([...chart.value, ...limits])}
     series=${[
       { label: "", y: chart.value, hue: "grey", points: false, width: 1 },

@@ -10,6 +10,7 @@ import { tell } from "../parts/told.js";
 import { marksOf, seconds } from "./plant_history.js";
 
 const KINDS = ["watering", "treatment", "note", "repotting", "pruning", "harvest", "other"];
+const FEW = 120; // points; beyond them a line alone
 const UNITS = { temperature_c: "Temperature (°C)", humidity_percent: "Humidity (%)", light_umol_m2_s: "Light (µmol/m²/s)", soil_water_percent: "Soil water (%)", mass_g: "Mass (g)" };
 
 export function Environment({ story, path, onChange }) {
@@ -18,10 +19,16 @@ export function Environment({ story, path, onChange }) {
   const x = environment.at.map(seconds);
   return html`
     ${environment.columns.length === 0 && html`<p class="wait">Nothing of the environment was sent yet.</p>`}
-    <div class="two">${environment.columns.map((column, k) => html`<${Chart} key=${column} title=${UNITS[column] ?? labelOf(column)} x=${x} time xLabel="" yLabel=${UNITS[column] ?? column}
-      height=${180} marks=${marks} series=${[{ label: column, y: environment.values[column], hue: HUES[k % HUES.length], points: x.length < 120, size: 4 }]} />`)}</div>
+    <div class="two">${environment.columns.map((column, k) => html`<${Column} key=${column} name=${column} hue=${HUES[k % HUES.length]} x=${x} values=${environment.values[column]} marks=${marks} />`)}</div>
     <${NewEvent} path=${path} onChange=${onChange} />
     <${Records} path=${path} onChange=${onChange} />`;
+}
+
+/** One column where it was measured: columns have instants of their own. */
+function Column({ name, hue, x, values, marks }) {
+  const known = values.map((value, k) => k).filter((k) => values[k] !== null);
+  return html`<${Chart} title=${UNITS[name] ?? labelOf(name)} x=${known.map((k) => x[k])} time xLabel="" yLabel=${UNITS[name] ?? name}
+    height=${180} marks=${marks} series=${[{ label: name, y: known.map((k) => values[k]), hue, points: known.length < FEW, size: 4 }]} />`;
 }
 
 function NewEvent({ path, onChange }) {

@@ -16,14 +16,14 @@ const SAFE = 1e-300;
  * Series: {label, y, hue, shape?, line = true, std?, dash?}; marks: {x, label, hue, dash?, width_x?} upright lines;
  * levels: {y, hue, dash} lying lines. `x` is shared and ascending; `time` says that it is unix seconds.
  */
-export function Chart({ title, x, series, xLabel, yLabel, time = false, log = false, marks = [], levels = [], height = 220, yRange, xRange, onPoint }) {
+export function Chart({ title, x, series, xLabel, yLabel, time = false, log = false, marks = [], levels = [], height = 220, yRange, xRange, legend = true, onPoint }) {
   const box = useRef(null);
   const theme = useTheme();
   const key = JSON.stringify([x.length, x[0], x.at(-1), series.map((one) => [one.label, one.y.length, one.y.find((v) => v != null), one.hue]), marks, levels, yRange, xRange, log]);
   useEffect(() => {
     const width = box.current.clientWidth || 600;
     const plot = new uPlot(
-      optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, yRange, xRange, width, onPoint }),
+      optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, yRange, xRange, legend, width, onPoint }),
       [x, ...series.map((one) => (log ? one.y.map((v) => (v > 0 ? v : null)) : one.y))],
       box.current,
     );
@@ -46,7 +46,7 @@ function inWords(title, x, series, marks) {
   return `${title}. ${lines.join("; ")}${told.length ? `. Marks: ${told.join(", ")}` : ""}`;
 }
 
-function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, yRange, xRange, width, onPoint }) {
+function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, yRange, xRange, legend, width, onPoint }) {
   const ink = colour("soft");
   const grid = { stroke: colour("faint"), width: 1 };
   const axis = { stroke: ink, grid, ticks: { stroke: colour("line"), width: 1 }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 20 };
@@ -54,13 +54,22 @@ function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, y
   return {
     width,
     height,
-    legend: { show: series.filter((one) => one.label).length > 1, live: true },
+    legend: { show: legend && series.filter((one) => one.label).length > 1, live: true },
     cursor: { drag: { x: true, y: false }, points: { size: 7 } },
     scales: { x: { time, range: xRange }, y: { distr: log ? 3 : 1, range: yRange } },
-    axes: [{ ...axis, label: xLabel, size: 36 }, { ...axis, label: yLabel, size: 62, space: 26, ...decades }],
+    axes: [{ ...axis, label: xLabel, size: 36, ...(time ? { values: instants } : {}) }, { ...axis, label: yLabel, size: 62, space: 26, ...decades }],
     series: [{ label: time ? "at" : xLabel }, ...series.map((one) => seriesOf(one))],
     hooks: { drawClear: [(u) => drawMarks(u, marks, levels)], draw: [(u) => drawErrors(u, series)], ready: onPoint ? [(u) => watchClicks(u, onPoint)] : [] },
   };
+}
+
+const DAYS = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
+const HOURS = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+
+/** Days in words, with the hour where marks lie closer than days. */
+function instants(u, splits, axis, space, step) {
+  const words = step >= 86_400 ? DAYS : HOURS;
+  return splits.map((at) => words.format(new Date(1000 * at)));
 }
 
 /** Whole powers of ten in a range, at most six. */
