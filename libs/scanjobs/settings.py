@@ -37,6 +37,10 @@ class Settings(BaseSettings):
     """Of one key in one process; a key may have a limit of its own."""
     webhooks_to_private_addresses: bool = False
     """Whether webhooks may go to addresses that are not on the public internet."""
+    smtp_url: Annotated[str, Field(pattern=r"^((smtp|smtps|smtp\+starttls)://.+)?$")] = ""
+    """The server that sends e-mail, such as `smtp+starttls://user:password@mail.example.org:587`; empty: none."""
+    smtp_from: str = ""
+    """The sender of e-mail; by default nerfmodal@localhost."""
     upload_limit_mb: Annotated[int, Field(ge=1)] = 20_000
     """Of one uploaded file."""
     owner_quota_mb: Annotated[int, Field(ge=1)] = 200_000

@@ -39,6 +39,7 @@ TOLD: Final[frozenset[ScanState]] = frozenset(
     {ScanState.QUEUED, ScanState.RUNNING, ScanState.PAUSED, ScanState.SUCCEEDED, ScanState.FAILED, ScanState.CANCELED}
 )
 TEST_TYPE: Final = "webhook.test"
+ALARM_TYPES: Final = ("alarm.acknowledged", "alarm.closed", "alarm.opened")
 SCAN_TYPES: Final = tuple(sorted(f"scan.{state.value}" for state in TOLD))
 
 

@@ -23,6 +23,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from standardwebhooks.webhooks import Webhook
 from starlette.concurrency import run_in_threadpool
 
+from services.api.mail import is_mail, send_mail
+
 log = logging.getLogger(__name__)
 
 LOOK_S: Final = 1.0
@@ -37,6 +39,7 @@ class Deliveries:
 
     def __init__(self, store: Store, settings: Settings, resolve: Resolve = resolve) -> None:
         self._store = store
+        self._settings = settings
         self._private_allowed = settings.webhooks_to_private_addresses
         self._resolve = resolve
         self._cleaned_at = 0.0
@@ -66,6 +69,8 @@ class Deliveries:
 
     async def attempt(self, claimed: Claimed, began: float) -> Outcome:
         """Send a delivery once; whatever happens is an outcome."""
+        if is_mail(claimed.url):
+            return await run_in_threadpool(send_mail, self._settings, claimed)
         look = partial(judge, claimed.url, private_allowed=self._private_allowed, resolve=self._resolve)
         try:
             async with asyncio.timeout(PATIENCE_S):

@@ -117,8 +117,8 @@ class PlantRow(BaseModel):
     scans: int
     last_scan: LastScan | None
     frequencies: list[LatestMode]
-    ratio: float | None = Field(description="f/f0 of the leading track, the lowest that has f0.")
-    spark: list[tuple[float, float]] = Field(description="Seconds since 1970 and f/f0 of the leading track.")
+    ratio: float | None = Field(description="f/f0 of all tracks together (geometric mean).")
+    spark: list[tuple[float, float]] = Field(description="Seconds since 1970 and f/f0 of all tracks together.")
     alarms: int = Field(description="Open and acknowledged ones.")
     worst: Severity | None
     next_due_at: datetime | None

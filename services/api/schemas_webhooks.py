@@ -5,17 +5,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 from scanjobs.account_tables import WebhookAttempt, WebhookDelivery, WebhookEndpoint
-from scanjobs.webhooks import SCAN_TYPES
+from scanjobs.webhooks import ALARM_TYPES, SCAN_TYPES
 
 from services.api.schemas import instant
 from services.api.schemas_access import Asked
 
-Url = Annotated[str, Field(min_length=1, max_length=2000, description="http or https; a public address.")]
+Url = Annotated[
+    str,
+    Field(min_length=1, max_length=2000, description="http(s) at a public address, or `mailto:` if the service mails."),
+]
 Type = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[a-z_]+(\.[a-z_]+)*$")]
 Description = Annotated[str, Field(max_length=255, pattern=r"^[^\x00-\x1f\x7f]*$")]
-Types = Annotated[
-    list[Type], Field(max_length=32, description=f"Types it wants, empty is all: {', '.join(SCAN_TYPES)} …")
-]
+TYPES = ", ".join((*ALARM_TYPES, *SCAN_TYPES))
+Types = Annotated[list[Type], Field(max_length=32, description=f"Types it wants, empty is all: {TYPES} …")]
 
 
 class NewWebhookRequest(Asked):

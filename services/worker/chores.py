@@ -1,4 +1,5 @@
-"""What a worker does beside steps: plant the rest of long plans, join plants' scans, pause what has no room, collect.
+"""What a worker does beside steps: plant the rest of long plans, join plants' scans, submit what schedules ask
+for, pause what has no room, collect garbage.
 
 Each is guarded in the database, so that it does no harm when every worker does it; what takes long has a thread of
 its own, because the ticker must not wait.
@@ -15,6 +16,7 @@ from scanjobs.artifacts import ArtifactStore
 from scanjobs.disk import has_room, is_low
 from scanjobs.fanin import plant_next_chunk, unplanted_scans
 from scanjobs.fleet.joining import join, touched_plants
+from scanjobs.fleet.schedules import due_schedules, run_due
 from scanjobs.garbage import collect_garbage, drop_checkpoints
 from scanjobs.pausing import Cause
 from scanjobs.settings import Settings
@@ -50,6 +52,7 @@ class Chores:
         if time.monotonic() - self._asked_at < min(QUOTA_S, self._settings.collect_every_s):
             return
         self._asked_at = time.monotonic()
+        self._submit_due()
         if self._is_mine("quota", QUOTA_S):
             self._store.write(lambda session: pausing.hold_to_quota(session, self._settings.scan_quota))
         if self._is_mine("collect", self._settings.collect_every_s):
@@ -75,6 +78,13 @@ class Chores:
             except Exception:  # one plant's trouble is not the others'; it stays touched and is tried again
                 log.exception("the scans of plant %s could not be joined; next try in %g s", key, AILING_S)
                 self._ailing[key] = time.monotonic() + AILING_S
+
+    def _submit_due(self) -> None:
+        """Scans that schedules ask for; a source that is not there yet is looked for again at the next time."""
+        with self._store.read() as session:
+            due = due_schedules(session)
+        for schedule_id in due:
+            self._store.write(partial(run_due, settings=self._settings, schedule_id=schedule_id))
 
     def _watch_disk(self) -> None:
         if is_low(self._settings):

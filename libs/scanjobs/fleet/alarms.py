@@ -43,7 +43,7 @@ class Reason:
     @property
     def cause(self) -> object:
         """What makes it the same alarm as one that a person has closed."""
-        return self.evidence.get("detected_scan")
+        return self.evidence.get("detected_at")
 
 
 def settle_alarms(session: Session, plant: Plant, reasons: Mapping[tuple[str, str], Reason], kinds: set[str]) -> None:
@@ -166,7 +166,7 @@ def _raise(session: Session, plant: Plant, reason: Reason) -> None:
     if last is not None and last.state in LIVE:
         values = {"evidence": dict(reason.evidence), "severity": reason.severity}
         session.execute(update(Alarm).where(Alarm.id == last.id).values(values), execution_options=UNSYNCHRONISED)
-    elif last is None or last.evidence.get("detected_scan") != reason.cause:
+    elif last is None or last.evidence.get("detected_at") != reason.cause:
         _open(session, plant, reason)
 
 

@@ -199,17 +199,23 @@ def _shown(found: Findings) -> dict[str, Any]:
         (_latest(row, here.get(row.id)) for row in found.tracks if row.active), key=lambda one: one["frequency_hz"]
     )
     lead = leading(found.tracks)
-    if lead is None:
-        return nothing | {"latest": latest, "drift": drift_document(found)}
-    column = found.history.frequencies[:, lead] / found.drift.references[lead]
-    known = np.flatnonzero(np.isfinite(column))[-SPARK:]
+    together = all_together(found.history.frequencies / found.drift.references)
+    known = np.flatnonzero(np.isfinite(together))[-SPARK:]
     return {
         "latest": latest,
-        "spark": [[round(float(found.history.at[k])), round(float(column[k]), 5)] for k in known],
-        "ratio": float(column[known[-1]]),
-        "frequency_hz": found.tracks[lead].frequency_hz,
+        "spark": [[round(float(found.history.at[k])), round(float(together[k]), 5)] for k in known],
+        "ratio": float(together[known[-1]]) if len(known) else None,
+        "frequency_hz": None if lead is None else found.tracks[lead].frequency_hz,
         "drift": drift_document(found),
     }
+
+
+def all_together(ratios: np.ndarray) -> np.ndarray:
+    """Geometric mean of f/f0 (scans, tracks) over the tracks that each scan shows: what the EWMA watches; (scans,)."""
+    seen = np.isfinite(ratios)
+    logs = np.where(seen, np.log(np.where(seen, ratios, 1.0)), 0.0).sum(axis=1)
+    counts = seen.sum(axis=1)
+    return np.where(counts > 0, np.exp(logs / np.maximum(counts, 1)), np.nan)
 
 
 def leading(tracks: Sequence[Track]) -> int | None:

@@ -46,7 +46,7 @@ def _drift(found: Findings, finding: Finding) -> Reason:
     recovered = None if finding.recovered is None else found.scans[finding.recovered].at
     if recovered is not None:
         what += f" It has been back to normal since {_day(recovered)}."
-    evidence = _evidence(
+    evidence = evidence_of(
         title=f"Frequencies {size} {way} since {_day(onset.at)}",
         what=what,
         since=onset.at,
@@ -86,7 +86,7 @@ def _lost(found: Findings, row: Track) -> Reason:
     if heirs:
         near = min(heirs, key=lambda one: abs(one.frequency_hz - row.frequency_hz))
         what += f" {name_of(near)} began since then at {near.frequency_hz:.3f} Hz: if it is the same mode, merge them."
-    evidence = _evidence(
+    evidence = evidence_of(
         title=f"Mode {name_of(row)} is lost",
         what=what,
         since=later[0].at,
@@ -109,7 +109,7 @@ def _failing(session: Session, plant: Plant) -> list[Reason]:
         return []
     last, first = rows[0], rows[-1]
     error = last[3] or {}
-    evidence = _evidence(
+    evidence = evidence_of(
         title=f"The last {FAILED_IN_A_ROW} scans failed",
         what=f"The newest one at {error.get('step') or 'its end'}: {error.get('message') or 'no reason given.'}",
         since=first[2],
@@ -122,7 +122,7 @@ def _failing(session: Session, plant: Plant) -> list[Reason]:
     return [Reason(kind=SCANS_FAILING, severity="warning", evidence=evidence)]
 
 
-def _evidence(**given: Any) -> dict[str, Any]:
+def evidence_of(**given: Any) -> dict[str, Any]:
     """The same keys for every kind of alarm."""
     empty: dict[str, Any] = {
         "change_percent": None,

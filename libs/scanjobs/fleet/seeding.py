@@ -1,7 +1,7 @@
 """A fleet for demonstrations, written as scans would have left it: scans with steps, attempts, events and files.
 
-Scans are rows and files like any other (`fsck` finds nothing wrong with them); their modes then go the way of real ones:
-read from modes.json, joined, charted, alarmed. Everything of it is marked and can be removed.
+Scans are rows and files like any other (`fsck` finds nothing wrong with them); their modes then go the way of real
+ones: read from modes.json, joined, charted, alarmed. Everything of it is marked and can be removed.
 """
 
 import io
@@ -245,6 +245,7 @@ def _write_care(session: Session, owner: str, key: str, pot: _Pot) -> None:
     session.execute(insert(table_of(Environment)), records)
     days = np.arange(life.at[0], life.at[-1], 2.0 * DAY_S)
     dry = (pot.dry_from or np.inf, pot.again_from or np.inf)
+    care: list[tuple[float, str, str, float | None, str | None]]
     care = [(float(at), "watering", "", 250.0, "ml") for at in days if not dry[0] <= at < dry[1]]
     if pot.dry_from is not None:
         care.append((pot.dry_from, "treatment", "Watering stopped.", None, None))

@@ -61,7 +61,7 @@ class Plant(Base):
     last_scan_at: Mapped[float | None]
     frequency_hz: Mapped[float | None]
     ratio: Mapped[float | None]
-    """f/f0 of the leading track at its last scan."""
+    """f/f0 of all tracks together at the last scan that shows one."""
     latest: Mapped[list[dict[str, Any]]] = mapped_column(JsonList)
     spark: Mapped[list[list[float]]] = mapped_column(JsonList)
     open_alarms: Mapped[int] = mapped_column(default=0)

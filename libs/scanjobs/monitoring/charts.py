@@ -20,7 +20,9 @@ WEIGHT: Final = 0.25
 """Of the newest scan in the EWMA: best for shifts of one to two standard deviations (Lucas & Saccucci 1990)."""
 SLACK: Final = 0.5
 """Of the CUSUM: best for a shift of one standard deviation."""
-CLIP: Final = 4.0
+CLIP: Final = 3.0
+OUTLIERS: Final = 0.02
+"""Share of scans that are wrong for reasons of their own: a gust, a camera that was touched."""
 SHRUNK: Final = 8.0
 """Correlations of scores are estimated as if so many uncorrelated scans had been seen besides."""
 COMMON: Final = -1
@@ -161,7 +163,7 @@ class _Watching:
     def _move_t2(self, scan: int, scores: np.ndarray, ready: np.ndarray) -> float:
         counts = self._counts[np.ix_(ready, ready)]
         learned = int(counts.min())
-        probability = twice_in_a_row(3.0 * self._run_length)
+        probability = twice_in_a_row(3.0 * self._run_length, OUTLIERS)
         limit = t2_limit(probability, len(ready), learned)
         if not math.isfinite(limit) or learned < len(ready) + 4:
             return 0.0

@@ -53,9 +53,13 @@ def cusum_limit(run_length: float, slack: float) -> float:
     return float(brentq(lambda limit: cusum_run_length(limit, slack) - run_length, 0.0, 40.0, xtol=1e-6))
 
 
-def twice_in_a_row(run_length: float) -> float:
-    """Probability per scan such that two scans in a row beyond it come every `run_length` scans: (1 + a) / a²."""
-    return (1.0 + math.sqrt(1.0 + 4.0 * run_length)) / (2.0 * run_length)
+def twice_in_a_row(run_length: float, outliers: float = 0.0) -> float:
+    """Probability a per scan such that two scans in a row beyond it come every `run_length` scans.
+
+    Where a share of the scans are outliers, beyond any limit, one of them and an unlucky neighbour are two in a row as
+    well: a² + 2 outliers a = 1 / run_length.
+    """
+    return -outliers + math.sqrt(outliers**2 + 1.0 / run_length)
 
 
 def t2_limit(probability: float, variables: int, learned: int) -> float:

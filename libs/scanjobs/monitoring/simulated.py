@@ -1,9 +1,9 @@
 """A plant in a greenhouse, simulated: what its scans would find over weeks. For the demonstration and the benchmark.
 
-ln(f/f0) of a mode is the sum of what temperature, growth and drying do to it and of scatter from scan to scan. Sizes are
-those of potted plants: -0.1 % per kelvin, some percent of drying in days (de Langre 2008, Effects of wind on plants,
-for the stiffness; turgor and mass work against one another, so leaves fall and stems rise), 0.4 % of scatter, one scan
-in fifty an outlier of four times that, one mode in thirty not found.
+ln(f/f0) of a mode is the sum of what temperature, growth and drying do to it and of scatter from scan to scan. Sizes
+are those of potted plants: -0.1 % per kelvin, some percent of drying in days (turgor and mass work against one another,
+so leaves fall and stems rise), 0.4 % of scatter, one scan in fifty an outlier of four times that, one mode in thirty not
+found.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Nature:
 
 @dataclass(frozen=True, slots=True)
 class Life:
-    """A plant's scans: `at` s, the house's and its own surroundings, `frequencies` (scans, modes) Hz (NaN: not found)."""
+    """A plant's scans: `at` s, surroundings (scans,), and `frequencies` (scans, modes) Hz, NaN where not found."""
 
     at: np.ndarray
     temperature_c: np.ndarray
@@ -62,7 +62,7 @@ def temperature(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def soil_water(at: np.ndarray, dry_from: float | None, again_from: float | None = None) -> np.ndarray:
-    """Percent by volume: watered every second day; from `dry_from` on it falls by a seventh a day, until `again_from`."""
+    """Percent by volume: watered every second day; from `dry_from` on it falls, until `again_from`."""
     watered = 32.0 - 3.0 * np.mod(at / DAY_S, 2.0)
     if dry_from is None:
         return watered

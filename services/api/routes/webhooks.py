@@ -21,6 +21,7 @@ from scanjobs.webhooks import (
 from sqlalchemy.orm import Session
 
 from services.api.dependencies import Owner, Parts, Submitter, TheParts, uuid_of
+from services.api.mail import is_mail, refuse_unmailable
 from services.api.schemas_webhooks import (
     DeliveryDetail,
     DeliveryLog,
@@ -42,7 +43,7 @@ router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
 @router.post("", status_code=201)
 def create(asked: NewWebhookRequest, parts: TheParts, owner: Submitter, response: Response) -> NewWebhook:
     """Have an address told what happens. Its signing secret is in this answer and nowhere else."""
-    _refuse_private(parts, asked.url)
+    _refuse_unreachable(parts, asked.url)
     endpoint = parts.store.write(
         lambda session: add_endpoint(
             session, owner=owner, url=asked.url, types=asked.types, description=asked.description
@@ -71,7 +72,7 @@ def change(webhook_id: WebhookId, asked: WebhookChange, parts: TheParts, owner: 
     """Change what is given."""
     which = uuid_of(webhook_id, "webhook", WHERE)
     if asked.url is not None:
-        _refuse_private(parts, asked.url)
+        _refuse_unreachable(parts, asked.url)
     values = asked.model_dump(exclude_none=True)
     return WebhookDetail.of(parts.store.write(lambda session: change_endpoint(session, which, values, owner=owner)))
 
@@ -142,5 +143,8 @@ def send_again(webhook_id: WebhookId, delivery_id: DeliveryId, parts: TheParts, 
     return parts.store.write(work)
 
 
-def _refuse_private(parts: Parts, url: str) -> None:
+def _refuse_unreachable(parts: Parts, url: str) -> None:
+    if is_mail(url):
+        refuse_unmailable(parts.settings, url)
+        return
     judge(url, private_allowed=parts.settings.webhooks_to_private_addresses)
