@@ -313,7 +313,7 @@ def _shape(pot: _Pot, mode: int, rng: np.random.Generator) -> bytes:
     if mode < 2:
         s, across = (grid.ravel() for grid in np.meshgrid(along, np.linspace(-0.06, 0.06, 4), indexing="ij"))
         positions = np.column_stack([length * s, across, 1.4 - 0.5 * s**2])
-        bend = s**2 if mode == 0 else s**2 * (1.4 - 2.4 * s)
+        bend = s**2 if mode == 0 else s**2 * (0.83 - s)
         directions = np.array([[0.0, 0.0, 1.0]])
     else:
         positions = np.column_stack([0.05 * np.ones(20), np.zeros(20), 1.4 * along])

@@ -25,6 +25,7 @@ class Normal:
         self._square = np.zeros((coefficients, coefficients))
         self._moment = np.zeros(coefficients)
         self._energy = 0.0
+        self._inverse: np.ndarray | None = None
         self.learned = 0
 
     @property
@@ -42,12 +43,20 @@ class Normal:
         self._square += weight * np.outer(row, row)
         self._moment += weight * row * value
         self._energy += weight * value**2
+        self._inverse = None
         self.learned += 1
+
+    @property
+    def inverse(self) -> np.ndarray:
+        """(XᵀWX)⁺, computed once for each scan that is learned."""
+        if self._inverse is None:
+            self._inverse = np.linalg.pinv(self._square, hermitian=True)
+        return self._inverse
 
     @property
     def coefficients(self) -> np.ndarray:
         """Least-squares coefficients; what was never varied has none (minimum norm)."""
-        return np.linalg.pinv(self._square, hermitian=True) @ self._moment
+        return self.inverse @ self._moment
 
     @property
     def deviation(self) -> float:
@@ -59,13 +68,12 @@ class Normal:
     @property
     def coefficient_stds(self) -> np.ndarray:
         """Standard deviations of the coefficients."""
-        return self.deviation * np.sqrt(np.diag(np.linalg.pinv(self._square, hermitian=True)).clip(0.0))
+        return self.deviation * np.sqrt(np.diag(self.inverse).clip(0.0))
 
     def residual(self, row: np.ndarray, value: float, weight: float = 1.0) -> tuple[float, float]:
         """y minus its prediction, and the standard deviation of that: of the scan and of what was learned."""
-        inverse = np.linalg.pinv(self._square, hermitian=True)
-        error = value - float(row @ inverse @ self._moment)
-        spread = 1.0 / weight + float(row @ inverse @ row)  # Brown, Durbin & Evans 1975, eq 2, with weights
+        error = value - float(row @ self.inverse @ self._moment)
+        spread = 1.0 / weight + float(row @ self.inverse @ row)  # Brown, Durbin & Evans 1975, eq 2, with weights
         return error, self.deviation * float(np.sqrt(spread))
 
     def score(self, row: np.ndarray, value: float, weight: float = 1.0) -> float:

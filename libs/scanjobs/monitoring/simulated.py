@@ -1,8 +1,8 @@
 """A plant in a greenhouse, simulated: what its scans would find over weeks. For the demonstration and the benchmark.
 
 ln(f/f0) of a mode is the sum of what temperature, growth and drying do to it and of scatter from scan to scan. Sizes
-are those of potted plants: -0.1 % per kelvin, some percent of drying in days (turgor and mass work against one another,
-so leaves fall and stems rise), 0.4 % of scatter, one scan in fifty an outlier of four times that, one mode in thirty not
+are those of potted plants: -0.1 % per kelvin, some percent of drying in days (turgor and mass work against one
+another, so leaves fall and stems rise), 0.4 % of scatter, one scan in fifty an outlier of four times that, one mode in thirty not
 found.
 """
 
