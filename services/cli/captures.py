@@ -116,6 +116,7 @@ def truth_summary(mode: TrueMode) -> Entry:
         "organ": mode.organ,
         "name": mode.name,
         "frequency_hz": mode.frequency,
+        "damped_frequency_hz": mode.damped_frequency,
         "damping_ratio": mode.damping_ratio,
         "amplitude_m": float(abs(mode.coordinates).max()),
     }

@@ -156,4 +156,6 @@ def _bounded(source: SimulationSource) -> Excitation:
 
 def _generator(seed: int, organ: str, mode: ImposedMode) -> np.random.Generator:
     """Every organ and mode meets gusts of its own."""
-    return np.random.default_rng([seed, zlib.crc32(f"{organ} {mode.shape} {mode.frequency_hz!r}".encode())])
+    return np.random.default_rng(
+        [seed, zlib.crc32(f"{organ} {mode.shape} {mode.frequency_hz!r} {mode.direction}".encode())]
+    )

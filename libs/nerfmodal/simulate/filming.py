@@ -87,5 +87,11 @@ def _picture(stage: _Set, camera: Camera, view: int, frame: int, time: float) ->
 
 
 def _rows_of(camera: Camera, part: Exposure) -> Camera:
-    """The camera that sees these rows alone."""
-    return replace(camera, height=part.end - part.first, center_y=camera.center_y - part.first)
+    """The camera that sees these rows alone, at this place in their pixels."""
+    across, down = part.shift
+    return replace(
+        camera,
+        height=part.end - part.first,
+        center_x=camera.center_x - across,
+        center_y=camera.center_y - down - part.first,
+    )

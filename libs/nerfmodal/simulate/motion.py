@@ -62,17 +62,17 @@ def reach(source: SimulationSource, organ: str) -> float:
 
 def shape_at(
     source: SimulationSource, organ: str, points: Float[np.ndarray, "points 3"]
-) -> dict[str, Float[np.ndarray, "points 3"]]:
-    """The organ's own true shapes at any `points` of its surface (rest, world, metres), by the name of the mode.
+) -> tuple[Float[np.ndarray, "points 3"], ...]:
+    """The shapes of the organ's own modes, in the order of `motion`, at any `points` of its surface.
 
-    Scaled as `true_modes` scales them: the largest displacement of a vertex is 1.
+    Points are at rest (world, metres). Scaled as `true_modes` are: the largest displacement of a vertex is 1.
     """
     plant = plant_of(source)
     chosen = plant.organ(organ)
     s, y = chosen.locate(points)
     places = Places(points=points, s=s, y=y)
     sway = _sway(source)
-    return {mode.shape: sway(plant, chosen, mode, places).points for mode in modes_of(source.motion, organ)}
+    return tuple(sway(plant, chosen, mode, places).points for mode in modes_of(source.motion, organ))
 
 
 def modal_masses(source: SimulationSource) -> Float[np.ndarray, " modes"]:

@@ -15,7 +15,7 @@ from nerfmodal.errors import MissingExtra
 from nerfmodal.geometry.cameras import unproject
 from nerfmodal.geometry.rays import pixel_centers
 from nerfmodal.simulate.light import to_srgb
-from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF
+from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF, subpixels
 from nerfmodal.types import Camera, Mesh
 
 SUN = np.array([0.45, -0.30, 0.84]) / np.linalg.norm([0.45, -0.30, 0.84])
@@ -71,14 +71,6 @@ def _depths(scene: "_Scene", camera: Camera) -> Float[np.ndarray, "height width"
     origins = np.tile(camera.camera_to_world[:3, 3], (len(directions), 1))
     ahead = directions @ -camera.camera_to_world[:3, 2]
     return np.asarray(scene.distances(origins, directions) * ahead).reshape(camera.height, camera.width)
-
-
-def subpixels(samples: int) -> Float[np.ndarray, "samples 2"]:
-    """Offsets of a pixel's rays from its centre: the R2 sequence, even for any number, with mean near zero."""
-    golden = 1.32471795724474602596
-    steps = np.arange(1, samples + 1)[:, None] * np.array([1 / golden, 1 / golden**2])
-    offsets = steps % 1.0
-    return offsets - offsets.mean(axis=0)
 
 
 class _Scene:

@@ -74,10 +74,10 @@ def _check_swing(source: SimulationSource, plant: Plant, organ: Organ) -> None:
     modes = modes_of(source.motion, organ.name)
     limit, linear = STEEPEST[source.kinematics], source.kinematics == "linear"
     for family in ("bending", "torsion"):
-        slopes = {mode: _steepest(source, plant, organ, mode) for mode in modes if mode.shape.startswith(family)}
-        whole = sum(slopes.values())
+        slopes = [(_steepest(source, plant, organ, mode), mode) for mode in modes if mode.shape.startswith(family)]
+        whole = sum(slope for slope, _ in slopes)
         if whole > limit:
-            worst = max(slopes, key=lambda mode: slopes[mode])
+            worst = max(slopes, key=lambda pair: pair[0])[1]
             raise InvalidSpec(
                 f"{organ.name} would turn by {np.degrees(np.arctan(whole) if linear else whole):.0f} degrees and fold.",
                 where=f"/source/motion/{source.motion.index(worst)}/amplitude_m",

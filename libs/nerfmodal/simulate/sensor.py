@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from nerfmodal.simulate.stage import subpixels
 from nerfmodal.spec import SensorSpec
 from nerfmodal.types import Camera, Rig
 
@@ -20,12 +21,16 @@ GAINS, NOISE, JITTER, CALIBRATION = range(4)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """A part of a picture: the rows `first` to `end` - 1 at `offset` seconds from the frame's time, of this `share`."""
+    """A part of a picture: the rows `first` to `end` - 1 at `offset` seconds from the frame's time, of this `share`.
+
+    `shift` (pixels, x and y) is where in its pixels it looks, so that what stands still is smooth in the sum.
+    """
 
     offset: float
     first: int
     end: int
     share: float
+    shift: tuple[float, float] = (0.0, 0.0)
 
 
 def exposures(sensor: SensorSpec, view: int, frame: int, rows: int) -> tuple[Exposure, ...]:
@@ -33,6 +38,7 @@ def exposures(sensor: SensorSpec, view: int, frame: int, rows: int) -> tuple[Exp
     late = sensor.jitter_s * float(_random(sensor, JITTER, view, frame).normal())
     bands = _bands(rows, sensor.instants if sensor.rolling_shutter_s else 1)
     moments = sensor.instants if sensor.shutter_s else 1
+    shifts = subpixels(moments)
     return tuple(
         Exposure(
             offset=late
@@ -41,6 +47,7 @@ def exposures(sensor: SensorSpec, view: int, frame: int, rows: int) -> tuple[Exp
             first=first,
             end=end,
             share=1 / moments,
+            shift=(float(shifts[moment, 0]), float(shifts[moment, 1])),
         )
         for first, end in bands
         for moment in range(moments)

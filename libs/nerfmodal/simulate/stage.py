@@ -1,6 +1,7 @@
-"""What both renderers share: the ground's pattern, and which cameras cannot film a plant."""
+"""What both renderers share: the ground, where rays of a pixel go, and which cameras cannot film a plant."""
 
 import numpy as np
+from jaxtyping import Float
 
 from nerfmodal.errors import InvalidSpec
 from nerfmodal.simulate.plants import Plant
@@ -12,6 +13,14 @@ CHECKER_TONES = (0.20, 0.55)
 """Reflectance of dark and light squares."""
 GROUND_HALF = 12.0
 """Half the side of the ground, metres."""
+
+
+def subpixels(samples: int) -> Float[np.ndarray, "samples 2"]:
+    """Offsets of a pixel's rays from its centre: the R2 sequence, even for any number, with mean near zero."""
+    golden = 1.32471795724474602596
+    steps = np.arange(1, samples + 1)[:, None] * np.array([1 / golden, 1 / golden**2])
+    offsets = steps % 1.0
+    return offsets - offsets.mean(axis=0)
 
 
 def check_rig(rig: Rig, plant: Plant) -> None:

@@ -139,13 +139,13 @@ def test_truth_is_never_an_input(store: Store, scan: Scan, tmp_path: Path) -> No
     stored = files.put(tmp_path / "file")
     outputs = [
         Output(role=role, name="n", digest=stored.digest, size=stored.size, media_type="text/plain")
-        for role in ("frame", "truth")
+        for role in ("frame", "truth", "depth")
     ]
     claim = take(store, RENDER, 0)
     store.write(lambda session: leases.finish(session, claim, outputs, {}))
     assert [one.role for one in take(store, TRAIN, -1).inputs] == ["frame"]
     with store.read() as session:
-        assert {one.role for one in repository.list_artifacts(session, scan)} == {"frame", "truth"}
+        assert {one.role for one in repository.list_artifacts(session, scan)} == {"frame", "truth", "depth"}
 
 
 @pytest.mark.parametrize("repetition", range(5))

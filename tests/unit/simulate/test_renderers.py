@@ -9,6 +9,7 @@ from nerfmodal.errors import InvalidSpec, MissingExtra
 from nerfmodal.geometry.cameras import project, semi_spherical_rig
 from nerfmodal.simulate import acai, blender, preview, render_frame
 from nerfmodal.simulate.patches import grid_triangles
+from nerfmodal.simulate.stage import subpixels
 from nerfmodal.spec import ImposedMode, RigSpec, SimulationSource
 from nerfmodal.types import Camera, Mesh
 
@@ -162,7 +163,7 @@ def test_normals_of_a_sphere_point_outwards():
 
 
 def test_rays_of_a_pixel_have_their_mean_at_its_centre():
-    assert preview.subpixels(5).mean(axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert subpixels(5).mean(axis=0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_palm_fills_the_picture_of_the_shipped_rig():

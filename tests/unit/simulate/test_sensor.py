@@ -1,11 +1,14 @@
 """Each flaw of a camera obeys its law, is the same for the same seed, and is absent unless asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.simulate import plant_of, preview, render_frame, vertices_at
 from nerfmodal.simulate.light import to_linear, to_srgb
 from nerfmodal.simulate.sensor import exposures, sensed, told_rig
+from nerfmodal.simulate.stage import subpixels
 from nerfmodal.spec import Harmonic, ImposedMode, RigSpec, SensorSpec, SimulationSource
 
 RIG = RigSpec(cameras=3, radius_m=3.2, target_m=(0.0, 0.0, 1.4), field_of_view_deg=51, width_px=48, height_px=60)
@@ -30,13 +33,15 @@ def images(sensor: SensorSpec, frame: int = 1) -> np.ndarray:
     return render_frame(source(sensor=sensor), frame, 0, report=lambda _a, _b: None).images
 
 
-def seen_at(time: float, samples: int = 2) -> np.ndarray:
-    """What perfect cameras see at any moment."""
+def seen_at(time: float, samples: int = 2, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """What perfect cameras see at any moment, at some place in their pixels."""
     spec = source()
     plant = plant_of(spec)
     vertices = vertices_at(plant, spec, time)
     with preview.open_studio(plant.mesh, vertices, 0) as studio:
-        return np.stack([studio.shoot(camera, samples) for camera in semi_spherical_rig(RIG).cameras])
+        cameras = semi_spherical_rig(RIG).cameras
+        moved = [replace(one, center_x=one.center_x - shift[0], center_y=one.center_y - shift[1]) for one in cameras]
+        return np.stack([studio.shoot(camera, samples) for camera in moved])
 
 
 def test_a_perfect_sensor_changes_no_pixel():
@@ -94,7 +99,9 @@ def test_white_balance_leaves_green_alone():
 def test_an_open_shutter_shows_the_mean_of_its_instants():
     blurred = to_linear(images(SensorSpec(shutter_s=0.06, instants=4)))
     moments = 1 / 30 + 0.06 * ((np.arange(4) + 0.5) / 4 - 0.5)
-    mean = np.mean([to_linear(seen_at(float(time), samples=1)) for time in moments], axis=0)
+    places = [tuple(map(float, shift)) for shift in subpixels(4)]
+    seen = [to_linear(seen_at(float(time), 1, shift)) for time, shift in zip(moments, places, strict=True)]
+    mean = np.mean(seen, axis=0)
     assert np.abs(blurred - mean).max() < 0.02
     assert np.abs(to_linear(seen_at(1 / 30)) - mean).max() > 0.2
 
@@ -154,3 +161,13 @@ def test_a_perfect_calibration_tells_the_true_rig():
     for camera, told in zip(true.cameras, told_rig(true, SensorSpec()).cameras, strict=True):
         assert camera.camera_to_world == pytest.approx(told.camera_to_world, abs=1e-15)
         assert camera.focal_x == told.focal_x
+
+
+def test_what_stands_still_is_as_smooth_under_an_open_shutter():
+    still = SimulationSource.model_validate({**source(samples=16).model_dump(), "motion": []})
+    open_ = still.model_copy(update={"sensor": SensorSpec(shutter_s=0.01, instants=16)})
+    fine, blurred, rough = (
+        to_linear(render_frame(one, 0, 0, report=lambda _a, _b: None).images)
+        for one in (still, open_, still.model_copy(update={"samples": 1}))
+    )
+    assert np.abs(blurred - fine).mean() < 0.2 * np.abs(rough - fine).mean()

@@ -88,6 +88,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[Any, ...]]:
 
     stage("make_frame", lambda index: FIRST if index == 0 else SECOND)
     stage("write_truth", lambda path: path.write_bytes(b"truth"))
+    stage("write_depths", lambda index, path: path.write_bytes(b"depths") > 0 and index == 1)
     stage("fit_first", SHARED)
     stage("fine_tune", TUNED)
     stage("extract", CLOUD)
@@ -101,10 +102,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[Any, ...]]:
 
 
 @pytest.mark.usefixtures("calls")
-def test_first_frame_comes_with_the_truth_and_others_without(tmp_path: Path) -> None:
+def test_first_frame_comes_with_the_truth_and_each_with_the_depths_that_are_asked_for(tmp_path: Path) -> None:
     assert [one.role for one in run(RENDER, 0, tmp_path).files] == ["frame", "truth"]
     made = run(RENDER, 1, tmp_path).files
-    assert [(one.role, one.path.name) for one in made] == [("frame", "frame_0001.zip")]
+    assert [(one.role, one.path.name) for one in made] == [("frame", "frame_0001.zip"), ("depth", "depth_0001.npz")]
     assert np.array_equal(io.read_frame(made[0].path).images, SECOND.images)
 
 
