@@ -114,7 +114,7 @@ def forecasts(trial: Trial) -> list[tuple[float, float]]:
             expected=[ExpectedMode(frequency=mode.frequency, damping_ratio=mode.damping, amplitude=mode.amplitude)],
             noise=noise_of(mode.shape, trial.bias),
         ).modes
-        told.append((line.frequency_std_hz, line.damping_std or np.nan))
+        told.append((line.frequency_std_hz or np.nan, line.damping_std or np.nan))
     return told
 
 

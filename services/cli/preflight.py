@@ -152,7 +152,7 @@ def _row(mode: Document) -> tuple[str, ...]:
         percent(mode["damping_ratio"]),
         number(None if amplitude is None else 1e3 * amplitude, 1),
         number(mode["amplitude_to_noise"], 1),
-        number(1e3 * mode["frequency_std_hz"], 2),
+        number(None if mode["frequency_std_hz"] is None else 1e3 * mode["frequency_std_hz"], 2),
         percent(mode["damping_std"], 3),
         mode["found"],
     )

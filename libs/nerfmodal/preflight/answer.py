@@ -61,7 +61,7 @@ class ModeForecast:
 
     `amplitude_m` is the mode's envelope at the first frame (of wind: its standard deviation). `strength` is the root of
     its energy over the record in units of the noise; from 14 on a mode is nearly always found. `organ` is null for a
-    line that nobody asked for and that shows what the record can do.
+    line that nobody asked for and that shows what the record can do; deviations are null where the record says nothing.
     """
 
     organ: str | None
@@ -71,7 +71,7 @@ class ModeForecast:
     amplitude_m: float | None
     amplitude_to_noise: float
     periods: float
-    frequency_std_hz: float
+    frequency_std_hz: float | None
     damping_std: float | None
     strength: float
     found: Chance

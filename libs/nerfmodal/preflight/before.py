@@ -1,5 +1,6 @@
 """`preflight`: everything that can be said of a scan before it runs."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -68,11 +69,16 @@ def preflight(
     )
 
 
-def _cost(spec: ScanSpec, seen: Seen, pixels: int | None, pace: Pace) -> Cost:
+def _cost(spec: ScanSpec, seen: Seen, pixels: int | None, pace: Pace) -> Cost | None:
+    """None of a scan that is beyond all measure."""
     source = spec.source
     if isinstance(source, SimulationSource):
         pixels = source.rig.cameras * source.rig.width_px * source.rig.height_px
-    return cost_of(spec, seen, pixels or 0, pace)
+    try:
+        cost = cost_of(spec, seen, pixels or 0, pace)
+    except OverflowError:
+        return None
+    return cost if math.isfinite(cost.work_s) else None
 
 
 def _holds_modes(record: RecordLimits) -> bool:

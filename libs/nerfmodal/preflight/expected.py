@@ -21,6 +21,7 @@ docs/howto/preflight.md.
 MEASURED = "0.06 of the grain, measured on the simulated palm with 24 cameras"
 GIVEN, CERTIFIED = "given", "the rig's certificate"
 FEWEST_PERIODS = 2.0
+LARGEST = 1e9
 VOXELS_ALONG = 192
 """The grid field's finest voxel, where none is given: the region's largest side over this."""
 REGION_PER_DISTANCE = {"simulation": 0.8, "capture": 1.8}
@@ -46,7 +47,7 @@ class ExpectedMode:
             frequency, damping, millimetres = (float(part) for part in parts)
         except ValueError as error:
             raise ValueError(f"is no mode: '{text}'. Write HZ:DAMPING:MM, such as 4.8:0.01:12.") from error
-        if not (0 < frequency < math.inf and 0 <= damping < 1 and 0 < millimetres < math.inf):
+        if not (0 < frequency < LARGEST and 0 <= damping < 1 and 0 < millimetres < LARGEST):
             raise ValueError(f"cannot be: '{text}'. Frequency and amplitude are positive, damping is 0 to 1.")
         return cls(frequency=frequency, damping_ratio=damping, amplitude=millimetres / 1000)
 
@@ -104,6 +105,8 @@ def optics_of(spec: ScanSpec, seen: Seen, noise: float | None, noise_per_grain: 
     if seen.cameras is None or seen.distance is None or seen.footprint is None:
         return None
     grain = max(seen.footprint, _voxel(spec, seen.distance))
+    if not 0 < grain < LARGEST:
+        return None
     return Optics(
         cameras=seen.cameras,
         distance_m=seen.distance,

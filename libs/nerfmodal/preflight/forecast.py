@@ -27,20 +27,18 @@ SHOWN = 5
 MOST_INSTANTS = 4096
 """Longer records are thinned for the sum: the bound changes with the number of frames by its root alone."""
 STEEPEST = 0.99
+LEAST_PERIODS = 0.1
+MOST_TO_NOISE = 1e9
 
 
 def forecast(mode: ExpectedMode, record: RecordLimits, excitation: Excitation, noise: float | None) -> ModeForecast:
     """What to expect of one mode. Without a known noise the amplitude is taken for ten times it."""
-    ratio = SHOWN_TO_NOISE if noise is None else mode.amplitude / max(noise, 1e-12)
-    damping = 0.0 if excitation == "harmonic" else mode.damping_ratio
-    if excitation == "ambient":
-        frequency_std, damping_std = ambient_deviations(mode.frequency, damping, record.duration_s)
-        strength = ratio * math.sqrt(record.frames)
-    else:
-        times, worth = instants(record)
-        bound = cramer_rao(times, mode.frequency, min(damping, STEEPEST), ratio * worth)
-        frequency_std, damping_std = (OVER_THE_BOUND * each for each in bound)
-        strength = ratio * worth * _root_energy(times, mode.frequency, damping)
+    ratio = SHOWN_TO_NOISE if noise is None else min(mode.amplitude / max(noise, 1e-12), MOST_TO_NOISE)
+    damping = 0.0 if excitation == "harmonic" else min(mode.damping_ratio, STEEPEST)
+    frequency_std, damping_std = _deviations(mode.frequency, damping, record, excitation, ratio)
+    times, worth = instants(record)
+    lasting = 1.0 if excitation == "ambient" else _root_energy(times, mode.frequency, damping) / math.sqrt(len(times))
+    strength = ratio * worth * math.sqrt(len(times)) * lasting
     return ModeForecast(
         organ=mode.organ,
         shape=mode.shape,
@@ -54,6 +52,21 @@ def forecast(mode: ExpectedMode, record: RecordLimits, excitation: Excitation, n
         strength=strength,
         found="unknown" if noise is None else chance_of(strength),
     )
+
+
+def _deviations(
+    frequency: float, damping: float, record: RecordLimits, excitation: Excitation, ratio: float
+) -> tuple[float | None, float | None]:
+    """Of frequency (Hz) and damping ratio; None where the record holds next to nothing of a period."""
+    if frequency * record.duration_s < LEAST_PERIODS or frequency > record.frame_rate_hz:
+        return None, None
+    if excitation == "ambient":
+        return ambient_deviations(frequency, damping, record.duration_s)
+    times, worth = instants(record)
+    bound = cramer_rao(times, frequency, damping, max(ratio * worth, 1e-12))
+    if not all(map(math.isfinite, bound)):
+        return None, None
+    return OVER_THE_BOUND * bound[0], OVER_THE_BOUND * bound[1]
 
 
 def what_it_resolves(record: RecordLimits, excitation: Excitation) -> tuple[ModeForecast, ...]:

@@ -19,7 +19,10 @@ Modes = Annotated[
     list[Annotated[str, Query(max_length=64)]] | None,
     Query(max_length=64, description="A mode that is expected, as HZ:DAMPING:MM, such as 4.8:0.01:12."),
 ]
-Noise = Annotated[float | None, Query(gt=0, description="Standard deviation of a fitted surface in a frame, mm.")]
+Noise = Annotated[
+    float | None,
+    Query(gt=0, le=1e6, allow_inf_nan=False, description="Standard deviation of a fitted surface in a frame, mm."),
+]
 router = APIRouter(prefix="/v1/preflight", tags=["preflight"])
 
 

@@ -10,7 +10,7 @@ from nerfmodal.identify.sinusoids import fit_sinusoids
 from nerfmodal.preflight import ExpectedMode, Pace, PastStep, Seen, pace_of, preflight
 from nerfmodal.preflight.expected import footprint_of, limits_of
 from nerfmodal.preflight.forecast import MOST_INSTANTS, OVER_THE_BOUND, forecast, instants
-from nerfmodal.spec import RigSpec, ScanSpec
+from nerfmodal.spec import ReconstructionSpec, RigSpec, ScanSpec
 
 MODE = {"organ": "leaf_0", "shape": "bending_1", "frequency_hz": 2.17, "amplitude_m": 0.05}
 CLOUDS = ScanSpec.model_validate({"source": {"kind": "clouds", "path": "."}})
@@ -120,8 +120,22 @@ def test_no_number_is_nan():
             return [leaf for item in value for leaf in leaves(item)]
         return [value] if isinstance(value, float) else []
 
-    for spec in (scan(frames=1), scan({"damping_ratio": 0.999}), scan(frames=100_000), scan({"frequency_hz": 1e-3})):
+    extremes = [
+        scan(frames=1),
+        scan({"damping_ratio": 0.999}),
+        scan(frames=100_000),
+        *(scan({"frequency_hz": low}) for low in (1e-300, 1e-3, 0.05)),
+        scan({"amplitude_m": 1e300}),
+        scan(rig={"radius_m": 1e308}),
+        scan(rig={"radius_m": 1e-300}),
+        scan().model_copy(update={"reconstruction": ReconstructionSpec(fine_tune_iterations=10**400)}),
+        scan().model_copy(update={"reconstruction": ReconstructionSpec(voxel_m=1e308)}),
+    ]
+    for spec in extremes:
         assert np.isfinite(leaves(asdict(preflight(spec)))).all()
+    huge = ExpectedMode.parse("999999999:0.5:999999999")
+    answer = preflight(CLOUDS, seen=Seen(frames=90, frame_rate=30.0), expected=[huge], noise=1e-300)
+    assert np.isfinite(leaves(asdict(answer))).all()
 
 
 def test_a_long_record_is_thinned_without_changing_the_forecast():
@@ -150,6 +164,7 @@ def test_the_forecast_holds_for_the_estimator():
         best = int(np.argmin(np.abs(fit.frequencies - 4.83)))
         errors.append((fit.frequencies[best] - 4.83, fit.damping_ratios[best] - 0.02))
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
-    assert 0.5 < spread[0] / told.frequency_std_hz < 2
+    assert told.frequency_std_hz is not None
     assert told.damping_std is not None
+    assert 0.5 < spread[0] / told.frequency_std_hz < 2
     assert 0.5 < spread[1] / told.damping_std < 2
