@@ -2,8 +2,8 @@
 
 ln(f/f0) of a mode is the sum of what temperature, growth and drying do to it and of scatter from scan to scan. Sizes
 are those of potted plants: -0.1 % per kelvin, some percent of drying in days (turgor and mass work against one
-another, so leaves fall and stems rise), 0.4 % of scatter, one scan in fifty an outlier of four times that, one mode in thirty not
-found.
+another, so leaves fall and stems rise), 0.4 % of scatter, one scan in fifty an outlier of four times that, one mode in
+thirty not found.
 """
 
 from collections.abc import Sequence
