@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 
 from scanjobs.account_tables import Capture, Upload
 from scanjobs.archives import Limits, safe_name, unpack
-from scanjobs.artifacts import place_input
+from scanjobs.artifacts import STAGING, place_input
 from scanjobs.clock import now_s
 from scanjobs.errors import IllegalTransition, NotFound
 from scanjobs.inspection import inspect_folder
@@ -32,7 +32,6 @@ from scanjobs.tables import Scan
 from scanjobs.uploads import COMPLETE, MEGABYTE, file_of, get_upload
 
 SCHEME: Final = "capture:"
-STAGING: Final = ".staging"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +167,7 @@ def locate_source(session: Session, settings: Settings, spec: ScanSpec, *, owner
         return spec
     capture_id = named_capture(settings, spec.source.path)
     if capture_id is None:
-        return confine_source(settings, spec)
+        return confine_source(settings, spec, owner=owner)
     try:
         capture = get_capture(session, capture_id, owner=owner)
     except NotFound as error:

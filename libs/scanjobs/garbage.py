@@ -7,15 +7,19 @@ A dropped file keeps its row and its references, so that a fork still finds its 
 the bytes go. A checkpoint is dropped when all that was computed from it has succeeded, in every scan that refers to it.
 """
 
+import shutil
+import time
+from contextlib import suppress
 from functools import partial
 from typing import Final
 
 from sqlalchemy import ColumnElement, and_, delete, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
-from scanjobs.artifacts import ArtifactStore
+from scanjobs.artifacts import STAGING, ArtifactStore
 from scanjobs.clock import now_s
 from scanjobs.fanin import DROPPED, FORGOTTEN, STORED
+from scanjobs.settings import Settings
 from scanjobs.states import LIVE_STEP_STATES, ScanState, StepState
 from scanjobs.store import Store
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency
@@ -39,6 +43,18 @@ def collect_garbage(store: Store, artifacts: ArtifactStore, older_than_s: float 
     for digest in removed:
         store.write(partial(_forget, digest=digest))
     return removed
+
+
+def sweep_staging(settings: Settings, older_than_s: float = DAY_S) -> int:
+    """Remove what processes that died have left half put together; how many there were."""
+    swept = 0
+    for folder in (settings.captures, settings.artifacts):
+        for path in (folder / STAGING).glob("*"):
+            with suppress(FileNotFoundError):  # it was finished, or another worker sweeps too
+                if time.time() - path.stat().st_mtime > older_than_s:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+                    swept += 1
+    return swept
 
 
 def drop_checkpoints(store: Store, age_s: float) -> int:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from nerfmodal.errors import InvalidCapture
+from nerfmodal.io.frames import LARGEST_PICTURE
 from PIL import Image, UnidentifiedImageError
 
 PICTURES: Final = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"})
@@ -21,7 +22,6 @@ OTHERS: Final = frozenset(
     {".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".yaml", ".yml", ".md", ".toml"}
     | {".ply", ".pcd", ".xyz", ".las", ".laz", ".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".wav"}
 )
-HIGHEST_PIXELS: Final = 120_000_000
 HIGHEST_FRAMES: Final = 100_000
 HIGHEST_TRANSFORMS_BYTES: Final = 8 << 20
 FEWEST_CAMERAS: Final = 3
@@ -66,11 +66,11 @@ def look_at(path: Path, name: str) -> Picture:
         with Image.open(path, formats=FORMATS) as image:
             (width, height), kind = image.size, image.format or ""
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise _refused(name, "has too many pixels", f"At most {HIGHEST_PIXELS} are read.") from error
+        raise _refused(name, "has too many pixels", f"At most {LARGEST_PICTURE} are read.") from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
         raise _refused(name, "is no picture that can be read", "Use PNG, JPEG, WebP, TIFF or BMP.") from error
-    if width * height > HIGHEST_PIXELS:
-        raise _refused(name, f"has {width} × {height} pixels", f"At most {HIGHEST_PIXELS} are read.")
+    if width * height > LARGEST_PICTURE:
+        raise _refused(name, f"has {width} × {height} pixels", f"At most {LARGEST_PICTURE} are read.")
     if kind in ENDINGS and ENDINGS[kind] not in _tail(path):
         raise _refused(name, "ends in the middle", "It was cut off on its way: send it again.")
     return Picture(width, height)

@@ -16,6 +16,7 @@ from sqlalchemy import Row, func, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
+from scanjobs.account_tables import WebhookDelivery, WebhookEndpoint
 from scanjobs.clock import now_s
 from scanjobs.messages import QUEUES
 from scanjobs.states import LIVE_STEP_STATES, ScanState, StepState
@@ -26,6 +27,8 @@ BATCH: Final = 500
 STEP_EDGES: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 LAG_EDGES: Final = (0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0)
 BEYOND: Final = "+Inf"
+DELIVERED_WITHIN_S: Final = 24 * 3600.0
+"""A message to an endpoint is given up after so long."""
 OUTCOMES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "succeeded": "succeeded",
@@ -71,6 +74,8 @@ class Gauges:
     """Queue → slots of the workers that are alive and serve it."""
     workers: int
     overdue_leases: int
+    oldest_webhook_s: float
+    """Since when the oldest message to an endpoint that is enabled is to be delivered; 0 where none waits."""
 
 
 @dataclass(slots=True)
@@ -146,6 +151,7 @@ def read_gauges(session: Session) -> Gauges:
         slots=slots,
         workers=len(workers),
         overdue_leases=session.scalars(overdue).one(),
+        oldest_webhook_s=_oldest_webhook(session),
     )
 
 
@@ -217,6 +223,15 @@ def _oldest_ready(session: Session) -> dict[str, float]:
         .group_by(Step.queue)
     )
     return dict.fromkeys(QUEUES, 0.0) | {row[0]: max(0.0, row[1] or 0.0) for row in session.execute(query)}
+
+
+def _oldest_webhook(session: Session) -> float:
+    query = (
+        select(now_s() - func.min(WebhookDelivery.give_up_at) + DELIVERED_WITHIN_S)
+        .join(WebhookEndpoint, WebhookEndpoint.id == WebhookDelivery.endpoint_id)
+        .where(WebhookDelivery.state == "waiting", WebhookEndpoint.enabled)
+    )
+    return max(0.0, session.scalars(query).one() or 0.0)
 
 
 def _open_scans(session: Session) -> dict[str, int]:

@@ -37,6 +37,7 @@ COUNTERS: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
     "artifact_bytes_written": ("Bytes of accepted results.", ("kind",)),
     "rays": ("Rays marched by accepted trainings.", ()),
     "scans_ended": ("Scans that have ended.", ("state",)),
+    "webhook_attempts": ("Attempts to deliver a message to a webhook.", ("outcome",)),
 }
 HISTOGRAMS: Final[Mapping[str, tuple[str, Sequence[str], Sequence[float]]]] = {
     "step_seconds": ("From the claim of a step to its accepted result.", ("kind",), STEP_EDGES),
@@ -184,6 +185,9 @@ def families_of_gauges(gauges: meters.Gauges) -> Iterator[Metric]:
     yield _by_one("nerfmodal_scans", "Scans that have not ended.", "state", gauges.scans)
     yield GaugeMetricFamily("nerfmodal_workers", "Workers that are alive.", gauges.workers)
     yield GaugeMetricFamily("nerfmodal_overdue_leases", "Running steps whose lease has expired.", gauges.overdue_leases)
+    yield GaugeMetricFamily(
+        "nerfmodal_oldest_webhook_seconds", "Wait of the oldest message to be delivered.", gauges.oldest_webhook_s
+    )
 
 
 def _by_one(name: str, words: str, label: str, values: Mapping[str, float]) -> Metric:

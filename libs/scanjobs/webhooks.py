@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session
 from scanjobs.account_tables import WebhookAttempt, WebhookDelivery, WebhookEndpoint
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound
+from scanjobs.meters import DELIVERED_WITHIN_S, add, as_text
 from scanjobs.states import ScanState
 from scanjobs.table_base import table_of
 from scanjobs.tables import Scan
@@ -27,7 +28,7 @@ from scanjobs.uuids import new_id
 WAITING: Final = "waiting"
 DELIVERED: Final = "delivered"
 GIVEN_UP: Final = "given_up"
-DAY_S: Final = 24 * 3600.0
+DAY_S: Final = DELIVERED_WITHIN_S
 KEPT_S: Final = 30 * DAY_S
 FIRST_PAUSE_S: Final = 5.0
 LONGEST_PAUSE_S: Final = 2 * 3600.0
@@ -69,6 +70,11 @@ class Outcome:
     def is_good(self) -> bool:
         """Whether the endpoint took the message."""
         return self.status is not None and 200 <= self.status < 300
+
+    @property
+    def word(self) -> str:
+        """What the attempt is called among the totals."""
+        return "delivered" if self.is_good else "unreachable" if self.status is None else "refused"
 
 
 def new_secret() -> str:
@@ -206,6 +212,7 @@ def record(session: Session, claimed: Claimed, outcome: Outcome) -> bool:
     if row is None:
         return False
     session.execute(insert(table_of(WebhookAttempt)).values(_attempt(claimed, outcome) | {"at": now_s()}))
+    add(session, {("webhook_attempts", as_text({"outcome": outcome.word})): 1.0})
     next_at = row[1] + pause_s(claimed.number, outcome.retry_after_s)
     values: dict[str, Any] = {"attempts": claimed.number, "next_at": next_at}
     if outcome.is_good:

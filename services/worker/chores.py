@@ -17,7 +17,7 @@ from scanjobs.disk import has_room, is_low
 from scanjobs.fanin import plant_next_chunk, unplanted_scans
 from scanjobs.fleet.joining import join, touched_plants
 from scanjobs.fleet.schedules import due_schedules, run_due
-from scanjobs.garbage import collect_garbage, drop_checkpoints
+from scanjobs.garbage import collect_garbage, drop_checkpoints, sweep_staging
 from scanjobs.pausing import Cause
 from scanjobs.settings import Settings
 from scanjobs.store import Store
@@ -104,7 +104,8 @@ class Chores:
         try:
             dropped = drop_checkpoints(self._store, self._settings.keep_checkpoints_days * DAY_S)
             removed = collect_garbage(self._store, self._artifacts)
+            swept = sweep_staging(self._settings)
         except Exception:  # it is tried again at the next interval; a thread that dies silently would never be missed
             log.exception("the garbage could not be collected")
         else:
-            log.info("dropped %d old checkpoints, removed %d files", dropped, len(removed))
+            log.info("dropped %d old checkpoints, removed %d files and %d leftovers", dropped, len(removed), swept)

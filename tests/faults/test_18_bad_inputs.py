@@ -177,7 +177,7 @@ ARCHIVES: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     "empty": (zipped({}), "empty"),  # _checked
     "unknown kind": (zipped({"run.sh": b"rm"}), "no kind"),  # _check_kind
     "pickle": (zipped({"a.pkl": b"cos\nsystem\n"}), "no kind"),  # _check_kind
-    "huge picture": (zipped(capture(**{"images/a_0.png": huge_png()})), "pixels"),  # HIGHEST_PIXELS
+    "huge picture": (zipped(capture(**{"images/a_0.png": huge_png()})), "pixels"),  # LARGEST_PICTURE
     "truncated jpeg": (zipped({"a.jpg": picture(512, 512, "JPEG")[:-40]}), "ends in the middle"),  # ENDINGS
     "truncated png": (zipped({"a.png": picture(64, 64)[:-30]}), "ends in the middle"),  # ENDINGS
     "no picture": (zipped({"a.png": b"GIF89a" * 9}), "no picture"),  # look_at

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import types
 import typing
+import zipfile
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -26,10 +27,10 @@ def write_result(path: Path, result: ScanResult) -> None:
 def read_result(path: Path) -> ScanResult:
     """Read a result. Raises `InvalidInput` when the file is none."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             tree = json.loads(str(archive["tree"]))
             result = _unpack(ScanResult, tree, archive)
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInput(f"is no result ({error}).", where=str(path), hint="Identify the scan again.") from error
     assert isinstance(result, ScanResult)
     return result

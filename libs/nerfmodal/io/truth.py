@@ -52,7 +52,7 @@ def read_truth(path: Path) -> tuple[TrueMode, ...]:
                 )
                 for index, (organ, name) in enumerate(archive["names"])
             )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise _no_truth(path, error) from error
 
 
@@ -72,7 +72,7 @@ def read_scene(path: Path) -> TrueScene:
                 rig=_rig_of(archive["cameras"], archive["lenses"], archive["camera_to_world"]),
                 modal_masses=archive["modal_masses"],
             )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise _no_truth(path, error) from error
 
 
@@ -84,7 +84,7 @@ def read_positions(path: Path) -> Float[np.ndarray, "frames vertices 3"]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return np.asarray(archive["positions"])
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise _no_truth(path, error) from error
 
 
@@ -100,7 +100,7 @@ def read_depths(path: Path) -> dict[str, Float[np.ndarray, "height width"]]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {str(name): depth for name, depth in zip(archive["cameras"], archive["depths"], strict=True)}
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise _no_truth(path, error) from error
 
 

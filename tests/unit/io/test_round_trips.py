@@ -102,6 +102,15 @@ def test_a_result_survives(tmp_path: Path, rng: np.random.Generator) -> None:
     assert back.organs[0].reduction is not None
 
 
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"no archive"], ids=["empty", "cut", "other"])
+def test_what_is_no_result_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "result.npz"
+    path.write_bytes(content)
+    with pytest.raises(InvalidInput) as refusal:
+        io.read_result(path)
+    assert refusal.value.where == str(path)
+
+
 def test_a_frame_survives_to_the_last_pixel(tmp_path: Path, rng: np.random.Generator) -> None:
     rig = semi_spherical_rig(RigSpec(cameras=3, width_px=20, height_px=16))
     images = rng.integers(0, 256, size=(3, 16, 20, 3), dtype=np.uint8)

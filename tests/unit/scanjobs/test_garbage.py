@@ -1,5 +1,6 @@
 """What is collected, and above all what is not."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,10 @@ from scanjobs.chores import is_mine
 from scanjobs.errors import IllegalTransition, NotFound
 from scanjobs.fanin import Output
 from scanjobs.fsck import check
-from scanjobs.garbage import collect_garbage, drop_checkpoints
+from scanjobs.garbage import collect_garbage, drop_checkpoints, sweep_staging
 from scanjobs.leases import Failure
 from scanjobs.messages import EXTRACT, IDENTIFY, QUEUES, TRAIN
+from scanjobs.settings import Settings
 from scanjobs.store import Store
 from scanjobs.workers import WorkerIdentity
 
@@ -171,3 +173,21 @@ def test_chore_is_done_by_one_of_many_once_in_its_interval(store: Store) -> None
     assert [store.write(lambda session: is_mine(session, "collect", 60.0)) for _ in range(3)] == [True, False, False]
     assert store.write(lambda session: is_mine(session, "collect", 0.0))
     assert store.write(lambda session: is_mine(session, "other", 60.0))
+
+
+def test_what_dead_processes_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
+    """Guard: the age. Seen to fail: without it a capture is swept while it is put together."""
+    settings = Settings(data_folder=tmp_path / "data")
+    kept, old = (settings.captures / ".staging" / name for name in ("kept", "old"))
+    stale = settings.artifacts / ".staging" / "stale"
+    for folder in (kept, old, stale.parent):
+        folder.mkdir(parents=True)
+    (old / "a.png").touch()
+    stale.touch()
+    for path in (old, stale):
+        os.utime(path, (0, 0))
+    assert sweep_staging(settings) == 2
+    assert kept.exists()
+    assert not old.exists()
+    assert not stale.exists()
+    assert sweep_staging(settings) == 0

@@ -6,7 +6,8 @@ from functools import partial
 import pytest
 from nerfmodal.spec import ScanSpec
 from prometheus_client.parser import text_string_to_metric_families
-from scanjobs import dispatch, leases, meters, repository, workers
+from scanjobs import dispatch, leases, meters, repository, webhooks, workers
+from scanjobs.account_tables import WebhookDelivery
 from scanjobs.fanin import Output
 from scanjobs.leases import Failure
 from scanjobs.messages import QUEUES, RENDER
@@ -197,3 +198,26 @@ def test_statements_are_timed(store: Store) -> None:
         session.execute(select(Scan.id)).all()
     found = samples(telemetry)
     assert found["nerfmodal_process_database_seconds_count", (("statement", "select"),)] >= 1
+
+
+def test_webhooks_are_counted_and_the_oldest_message_is_aged(store: Store) -> None:
+    endpoint = store.write(lambda session: webhooks.add_endpoint(session, owner="local", url="https://a.example/"))
+    with store.read() as session:
+        assert meters.read_gauges(session).oldest_webhook_s == 0.0
+    for _ in range(3):
+        store.write(lambda session: webhooks.enqueue(session, endpoint, kind="webhook.test", data={}))
+    aged = update(WebhookDelivery).values(give_up_at=WebhookDelivery.give_up_at - 100.0)
+    store.write(lambda session: session.execute(aged))
+    with store.read() as session:
+        assert 100.0 <= meters.read_gauges(session).oldest_webhook_s < 110.0
+    outcomes = [webhooks.Outcome(took_s=0.1, status=204), webhooks.Outcome(took_s=0.1, status=500)]
+    outcomes.append(webhooks.Outcome(took_s=0.1, error="timed out"))
+    for claimed, outcome in zip(store.write(webhooks.claim_due), outcomes, strict=True):
+        assert store.write(partial(webhooks.record, claimed=claimed, outcome=outcome))
+    told = {labels: value for (name, labels), value in totals(store).items() if name == "webhook_attempts"}
+    assert told == {"outcome=delivered": 1.0, "outcome=refused": 1.0, "outcome=unreachable": 1.0}
+    with store.read() as session:
+        assert meters.read_gauges(session).oldest_webhook_s > 0.0
+    store.write(lambda session: webhooks.change_endpoint(session, endpoint.id, {"enabled": False}, owner="local"))
+    with store.read() as session:
+        assert meters.read_gauges(session).oldest_webhook_s == 0.0

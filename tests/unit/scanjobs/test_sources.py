@@ -62,6 +62,18 @@ def test_specification_carries_the_resolved_path(root: Path) -> None:
     assert source.path == str((root / "fox").resolve())
 
 
+def test_other_owners_read_from_the_folder_of_their_name_alone(root: Path) -> None:
+    """Guard: `roots_of`. Seen to fail: with the roots themselves every owner reads every other's pictures."""
+    for owner in ("anna", "bert"):
+        (root / owner / "fern").mkdir(parents=True, exist_ok=True)
+    settings = confined(root)
+    assert resolve_source_path(settings, "fern", owner="anna") == (root / "anna" / "fern").resolve()
+    for path in ("../bert/fern", str(root / "bert" / "fern"), "bert/fern", "fox", str(root / "fox"), ".."):
+        with pytest.raises(SourceOutsideRoots):
+            resolve_source_path(settings, path, owner="anna")
+    assert resolve_source_path(settings, "bert/fern") == (root / "bert" / "fern").resolve()
+
+
 def test_roots_come_from_one_variable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NERFMODAL_CAPTURE_ROOTS", "/a:/b")
     assert Settings().capture_roots == (Path("/a"), Path("/b"))
