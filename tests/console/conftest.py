@@ -1,6 +1,5 @@
 """A browser for a file of tests, a page for a test; what the page complains of fails the test."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,13 +7,11 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from services.api.app import create_app
+from tests.console.browsing import CHROMIUM, SOFTWARE
 from tests.console.site import finished_scan, open_service
 from tests.unit.api.live import live
 from tests.unit.api.service import Service
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-"""WebGL without a graphics card, as everywhere where tests run."""
 PATIENCE_MS = 15_000
 
 

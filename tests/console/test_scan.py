@@ -69,6 +69,23 @@ def test_a_mode_swings_stops_turns_and_grows_with_its_slider(scan: Page):
     assert scan.evaluate(DIFFERENCE, [rest, picture(scan)]) > 300
 
 
+COUNTED = """const gl = WebGL2RenderingContext.prototype; window.sent = {pictures: 0, arrays: 0};
+    for (const [name, what] of [['bufferData', 'arrays'], ['bufferSubData', 'arrays'], ['drawArrays', 'pictures']]) {
+        const plain = gl[name]; gl[name] = function (...given) { sent[what]++; return plain.apply(this, given); }; }"""
+
+
+def test_a_swinging_mode_sends_the_gpu_no_points_anew(page: Page, gallery: tuple[str, str]):
+    """The shape is there from the beginning: a picture costs one number, however many points there are."""
+    page.add_init_script(COUNTED)
+    page.goto(f"{gallery[0]}/#/scans/{gallery[1]}")
+    expect(page.locator(".stage canvas")).to_have_attribute("data-fps", re.compile(r"\d"))
+    before = page.evaluate("({...sent})")
+    page.wait_for_timeout(1000)
+    after = page.evaluate("({...sent})")
+    assert after["arrays"] == before["arrays"]
+    assert after["pictures"] > before["pictures"] + 3
+
+
 def test_dragging_turns_the_camera_and_colour_shows_displacement(scan: Page):
     scan.get_by_role("button", name="Stop").click()
     before = picture(scan)

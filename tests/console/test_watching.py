@@ -1,16 +1,8 @@
 """A scan that runs, watched: progress and logs as they come, through an API that dies and comes back."""
 
-import os
-import signal
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
-import httpx
 import pytest
 from playwright.sync_api import Page, expect
 from scanjobs.control import cancel_scan
@@ -21,50 +13,9 @@ from scanjobs.tables import Step
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from tests.console.api_process import Api
 from tests.console.site import FINISHED, SUBMITTED, finish
 from tests.unit.api.service import Service, simulation
-
-ROOT = Path(__file__).parents[2]
-START_S = 30.0
-
-
-class Api:
-    """The API in a process of its own, on one port, to be killed."""
-
-    def __init__(self, service: Service) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}"
-        self._environment = os.environ | {
-            "NERFMODAL_DATA_FOLDER": str(service.settings.data_folder),
-            "NERFMODAL_KEYLESS": "true",
-            "PYTHONPATH": f"{ROOT}:{ROOT / 'libs'}",
-        }
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> None:
-        """Begin, and wait until it answers."""
-        command = [sys.executable, "-m", "uvicorn", "--factory", "services.api.main:app", "--port", str(self.port)]
-        self._process = subprocess.Popen(
-            [*command, "--log-level", "error"], cwd=ROOT, env=self._environment, start_new_session=True
-        )
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
-            try:
-                httpx.get(f"{self.url}/healthz", timeout=1)
-            except httpx.HTTPError:
-                time.sleep(0.1)
-            else:
-                return
-        raise AssertionError("the API does not answer")
-
-    def kill(self) -> None:
-        """As a crash does."""
-        if self._process is not None:
-            os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
-            self._process = None
 
 
 @pytest.fixture
@@ -177,3 +128,15 @@ def test_lists_are_filtered_paged_and_kept_up_to_date(page: Page, service: Servi
 def state_of(service: Service, scan: str) -> str:
     with service.store.read() as session:
         return str(get_scan(session, scan).state)
+
+
+def test_a_scan_is_paused_and_goes_on(page: Page, service: Service, address: str):
+    scan = str(service.submit(simulation(name="growing"))["id"])
+    service.move(scan, state="running")
+    page.goto(f"{address}/#/scans/{scan}")
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator(".state").first).to_contain_text("paused")
+    assert state_of(service, scan) == "paused"
+    page.get_by_role("button", name="Resume").click()
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    assert state_of(service, scan) != "paused"

@@ -24,6 +24,7 @@ function Document({ scan, document, truth, query }) {
   const chosen = entries.find((one) => one.key === query.get("mode")) ?? entries.find((one) => one.mode.verdict === "accepted") ?? entries[0];
   const paired = useMemo(() => (truth ? pairs(truth, document.organs) : null), [truth, document]);
   return html`
+    ${document.partial && html`<p class="card" role="status">The modes so far, from ${document.partial.frames} of ${document.partial.of} frames; more come while the scan runs.</p>`}
     <p class="small">${number(document.duration_s)} s at ${number(document.frame_rate_hz)} Hz · ${document.excitation.replaceAll("_", " ")} · ${summary(entries)} ${document.outcome !== "OK" ? html`<strong>${document.message}</strong>` : ""}</p>
     ${chosen && html`<div class="side">
       <div>

@@ -25,6 +25,12 @@ export async function readNpz(path, send, names) {
   return found;
 }
 
+/** Names of the files in a zip on this machine. */
+export async function namesIn(file) {
+  const tail = await file.slice(-TAIL).arrayBuffer();
+  return [...members(new DataView(tail), file.size - tail.byteLength)].map((member) => member.path);
+}
+
 /** A member with its local header, from the tail where it lies in there. */
 async function piece(path, send, tail, whole, { local, size }) {
   const [first, last] = [local, Math.min(whole, local + LOCAL_HEADER + size)];
@@ -42,11 +48,13 @@ function* members(view, begins) {
   if (at < 0) throw new Error("This zip file has too many members to be listed here.");
   for (let left = view.getUint16(end + 10, true); left > 0; left--) {
     const [nameLength, extra, comment] = [28, 30, 32].map((offset) => view.getUint16(at + offset, true));
+    const path = new TextDecoder().decode(new Uint8Array(view.buffer, at + 46, nameLength));
     yield {
       method: view.getUint16(at + 10, true),
       size: view.getUint32(at + 20, true),
       local: view.getUint32(at + 42, true),
-      name: new TextDecoder().decode(new Uint8Array(view.buffer, at + 46, nameLength)).replace(/\.npy$/, ""),
+      name: path.replace(/\.npy$/, ""),
+      path,
     };
     at += 46 + nameLength + extra + comment;
   }

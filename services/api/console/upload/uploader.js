@@ -6,6 +6,7 @@ import { get, post } from "../app/api.js";
 import { bytes, counted, percent } from "../app/format.js";
 import { Bar } from "../parts/marks.js";
 import { ProblemBox } from "../parts/problem.js";
+import { namesIn } from "../space/npz.js";
 import { filesOf } from "./drop.js";
 import { begun, forget, nameOf, upload } from "./tus.js";
 
@@ -97,15 +98,10 @@ async function sendAll(files, change, signal) {
 
 async function assemble(files, ids) {
   const isArchive = files.length === 1 && /\.zip$/i.test(files[0].name);
-  const inside = files.map((file) => withoutFolder(nameOf(file) || file.name, files));
-  const kind = files.some((file) => CLOUDS.test(file.name)) ? "clouds" : "capture";
-  const body = isArchive ? { archive: ids[0], kind: "capture" } : { kind, files: ids.map((upload, k) => ({ upload, name: inside[k] })) };
-  try {
-    return await post("/v1/captures", body);
-  } catch (problem) {
-    if (!isArchive || problem.status !== 422) throw problem;
-    return post("/v1/captures", { ...body, kind: "clouds" });
-  }
+  const names = isArchive ? await namesIn(files[0]).catch(() => []) : files.map((file) => file.name);
+  const kind = names.some((name) => CLOUDS.test(name)) ? "clouds" : "capture";
+  if (isArchive) return post("/v1/captures", { archive: ids[0], kind });
+  return post("/v1/captures", { kind, files: files.map((file, k) => ({ upload: ids[k], name: withoutFolder(nameOf(file) || file.name, files) })) });
 }
 
 /** The path without the folder that all files share: the capture is the folder. */

@@ -1,0 +1,155 @@
+"""The web page with a fleet of 200 plants and 5,000 scans: `python -m benchmarks.console`.
+
+How long each page takes until it shows its content, the median of several visits in a headless Chromium, each with an
+empty cache. What 50 open pages cost the API while nothing happens. How many points of 100,000 swing in software, and at
+which rate. Minutes.
+"""
+
+import json
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import httpx
+import numpy as np
+from nerfmodal.types import PointCloud
+from playwright.sync_api import Browser, sync_playwright
+from scanjobs.fleet.seeding import seed_fleet
+from scanjobs.migrate import upgrade
+from scanjobs.scopes import LOCAL_OWNER
+
+from benchmarks.rows import Row
+from tests.console.api_process import Api
+from tests.console.browsing import CHROMIUM, SOFTWARE
+from tests.console.site import finished_scan, open_service
+from tests.fixtures.scans import small_cloud
+
+OUT = Path("out/benchmarks/console.json")
+PLANTS, SCANS, POINTS = 200, 25, 100_000
+VISITS, LISTENERS, REST_S, SWING_S = 5, 50, 20.0, 25.0
+PAGES = {
+    "plants": ("plants", "table.plants tbody tr"),
+    "plant": ("plants/{plant}", ".uplot canvas"),
+    "scans": ("scans", "tbody tr"),
+    "scan": ("scans/{scan}", "table.modes tbody tr"),
+    "alarms": ("alarms", "article.alarm"),
+    "new scan": ("new", "[data-pointer='/name']"),
+}
+
+
+def main() -> None:
+    """Measure all three, print them and keep them."""
+    with tempfile.TemporaryDirectory(prefix="nerfmodal-bench-") as folder, fleet(Path(folder)) as (api, plant, scan):
+        rows = [*idle(api, scan)]
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+            rows += [*loads(browser, api.url, plant, scan), *swing(browser, api.url, scan)]
+            browser.close()
+    print("\n".join(row.line() for row in rows))
+    OUT.parent.mkdir(parents=True, exist_ok=True)
+    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=2) + "\n")
+
+
+@contextmanager
+def fleet(folder: Path) -> Iterator[tuple[Api, str, str]]:
+    """The API over the fleet and one large scan, in a process of its own; a plant's id and the scan's."""
+    upgrade(f"sqlite:///{folder / 'migrated.db'}")
+    service = open_service(folder / "service", folder / "migrated.db")
+    seed_fleet(
+        service.store,
+        service.artifacts,
+        owner=LOCAL_OWNER,
+        plants=PLANTS,
+        scans=SCANS,
+        now=time.time(),
+        on_plant=lambda *_: None,
+    )
+    scan = finished_scan(service, cloud=dense_cloud())
+    plant = service.http.get("/v1/plants?sort=-alarms&limit=1").json()["items"][0]["id"]
+    api = Api(service)
+    api.start()
+    yield api, plant, scan
+    api.kill()
+    service.store.close()
+
+
+def dense_cloud() -> PointCloud:
+    """The points of the small scan, many times over and a little apart."""
+    small, rng = small_cloud(), np.random.default_rng(0)
+    chosen = rng.integers(0, len(small.points), POINTS)
+    points = small.points[chosen] + rng.normal(0, 0.002, (POINTS, 3))
+    return PointCloud(points=points, colors=small.colors[chosen], time=0.0)
+
+
+def loads(browser: Browser, url: str, plant: str, scan: str) -> Iterator[Row]:
+    """Milliseconds from asking for a page to its content, with an empty cache."""
+    for name, (path, content) in PAGES.items():
+        took = [visit(browser, f"{url}/#/{path.format(plant=plant, scan=scan)}", content) for _ in range(VISITS)]
+        yield Row(
+            what=f"{name}: until its content stands",
+            value=round(statistics.median(took)),
+            unit="ms",
+            floor=1000,
+            aim=500,
+        )
+
+
+def visit(browser: Browser, address: str, content: str) -> float:
+    """One visit in a session of its own."""
+    context = browser.new_context()
+    page = context.new_page()
+    began = time.perf_counter()
+    page.goto(address, wait_until="commit")
+    page.locator(content).first.wait_for()
+    took = 1000 * (time.perf_counter() - began)
+    context.close()
+    return took
+
+
+def idle(api: Api, scan: str) -> Iterator[Row]:
+    """Share of one core that the API uses while pages are open and nothing happens: half watch a scan, half all."""
+    paths = [f"/v1/scans/{scan}/events", "/v1/events?steps=true"] * (LISTENERS // 2)
+    with httpx.Client(base_url=api.url, limits=httpx.Limits(max_connections=None), timeout=60) as client:
+        with ExitStack() as open_pages:
+            for path in paths:
+                answer = open_pages.enter_context(client.stream("GET", path))
+                assert answer.status_code == 200
+            time.sleep(3)
+            before = cpu_s(api.pid)
+            time.sleep(REST_S)
+            used = cpu_s(api.pid) - before
+    yield Row(
+        what=f"{LISTENERS} open pages at rest", value=round(100 * used / REST_S, 2), unit="% of a core", floor=10, aim=3
+    )
+
+
+def cpu_s(pid: int) -> float:
+    """Seconds of processor time that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def swing(browser: Browser, url: str, scan: str) -> Iterator[Row]:
+    """What a processor alone draws of a mode on 100,000 points, once the page has settled."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.goto(f"{url}/#/scans/{scan}/modes")
+    canvas = page.locator(".stage canvas")
+    time.sleep(SWING_S)
+    shown, fps = int(canvas.get_attribute("data-shown") or 0), float(canvas.get_attribute("data-fps") or 0)
+    yield Row(
+        what=f"points that swing without a graphics card, of {POINTS:,}",
+        value=shown,
+        unit="points",
+        floor=2000,
+        aim=POINTS,
+    )
+    yield Row(what="pictures a second at that", value=round(fps, 1), unit="1/s", floor=15, aim=30)
+    page.close()
+
+
+if __name__ == "__main__":
+    main()
