@@ -110,6 +110,12 @@ class Wind(Part):
     """By default half the frame rate."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
+    @model_validator(mode="after")
+    def _band_is_not_empty(self) -> "Wind":
+        if self.high_hz is not None and self.high_hz <= self.low_hz:
+            raise ValueError(f"high_hz = {self.high_hz:g} is not above low_hz; give a band, or leave high_hz out")
+        return self
+
 
 class AirPulse(Part):
     """One push, half a sine long; `amplitude_m` is the decay's that a blow of the same momentum would start."""
@@ -298,6 +304,8 @@ class ReconstructionSpec(Part):
     """How each frame's pictures become a point cloud."""
 
     field: Literal["grid", "mlp"] = "grid"
+    motion: Literal["refit", "follow"] = "refit"
+    """`refit` trains a field for every frame and fits its surfaces anew; `follow` moves the points of frame 0."""
     region: Box | None = None
     """The box that is reconstructed finely; by default what all cameras look at."""
     voxel_m: PositiveMetres | None = None
@@ -318,6 +326,12 @@ class ReconstructionSpec(Part):
     """Points whose ray is less opaque are discarded (eq 10)."""
     points: Annotated[int, Field(ge=100, le=10_000_000)] = 50_000
     """Points per cloud at the most."""
+
+    @model_validator(mode="after")
+    def _backgrounds_are_known(self) -> "ReconstructionSpec":
+        if self.motion == "follow" and self.field != "grid":
+            raise ValueError("motion: follow needs field: grid, which learns what stands still behind the structure")
+        return self
 
 
 class OrganSpec(Part):

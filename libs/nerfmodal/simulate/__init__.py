@@ -7,7 +7,7 @@ from nerfmodal.simulate.filming import film
 from nerfmodal.simulate.motion import frame_times, modal_masses, reach, shape_at, true_modes, vertices_at
 from nerfmodal.simulate.palm import acai
 from nerfmodal.simulate.plants import EDGE_ROOM, MOTION_ROOM, Organ, Plant
-from nerfmodal.simulate.refusals import check_motion
+from nerfmodal.simulate.refusals import check_motion, check_sensor
 from nerfmodal.simulate.stage import check_rig
 from nerfmodal.simulate.structures import plant_of
 from nerfmodal.simulate.truth import true_depths, true_positions, true_scene
@@ -48,9 +48,10 @@ def render_frame(source: SimulationSource, index: int, seed: int, *, report: Cal
 
 
 def check_source(source: SimulationSource) -> None:
-    """Refuse what cannot be filmed, `InvalidSpec` with the key: organs that are not there, folds, cameras inside."""
+    """Refuse what cannot be filmed: `InvalidSpec` with the key and the remedy."""
     plant = plant_of(source)
     check_motion(source, plant)
+    check_sensor(source)
     check_rig(semi_spherical_rig(source.rig), plant)
 
 

@@ -6,7 +6,7 @@ from nerfmodal.errors import InvalidSpec
 from nerfmodal.simulate.excitation import largest_swing
 from nerfmodal.simulate.kinematics import direction_of, shifted, turned
 from nerfmodal.simulate.plants import Organ, Plant
-from nerfmodal.spec import ImposedMode, SimulationSource, modes_of
+from nerfmodal.spec import ImposedMode, SimulationSource, Wind, modes_of
 
 STEEPEST = {"linear": 1.0, "rotation": np.pi / 2}
 """Slope of an offset, and radians of a turn, beyond which a member is stretched by half or folds back on itself."""
@@ -33,6 +33,30 @@ def check_motion(source: SimulationSource, plant: Plant) -> None:
         for mode in modes_of(source.motion, organ.name):
             _check_shape(source, organ, mode)
         _check_swing(source, plant, organ)
+
+
+def check_sensor(source: SimulationSource) -> None:
+    """Refuse a picture that takes longer than the time between two, and a wind above what a frame sees."""
+    period = 1 / source.frame_rate_hz
+    if source.sensor.shutter_s > period:
+        raise InvalidSpec(
+            f"a shutter of {source.sensor.shutter_s:g} s is still open when the next frame begins.",
+            where="/source/sensor/shutter_s",
+            hint=f"At this frame rate it is {period:.4g} s at the most.",
+        )
+    if source.sensor.rolling_shutter_s > period:
+        raise InvalidSpec(
+            f"rows that take {source.sensor.rolling_shutter_s:g} s are not read when the next frame begins.",
+            where="/source/sensor/rolling_shutter_s",
+            hint=f"At this frame rate it is {period:.4g} s at the most.",
+        )
+    force = source.excitation
+    if isinstance(force, Wind) and force.high_hz is None and force.low_hz >= source.frame_rate_hz / 2:
+        raise InvalidSpec(
+            "no wind is left between low_hz and half the frame rate.",
+            where="/source/excitation/low_hz",
+            hint=f"Give one below {source.frame_rate_hz / 2:g}, or a high_hz above it.",
+        )
 
 
 def _check_shape(source: SimulationSource, organ: Organ, mode: ImposedMode) -> None:
