@@ -103,10 +103,10 @@ def test_filters_leave_what_they_name(fleet: Service) -> None:
         ({"alarm": True}, lambda row: row["alarms"] > 0),
         ({"state": "failed"}, lambda row: row["last_scan"]["status"] == "failed"),
         ({"text": "Í 3"}, lambda row: row["name"] == "Açaí 3"),
-        ({"text": "DEMO-00"}, lambda row: True),
-        ({"text": "%"}, lambda row: False),
-        ({"study": "nowhere"}, lambda row: False),
-        ({"state": "none"}, lambda row: False),
+        ({"text": "DEMO-00"}, lambda _: True),
+        ({"text": "%"}, lambda _: False),
+        ({"study": "nowhere"}, lambda _: False),
+        ({"state": "none"}, lambda _: False),
     ):
         found = {row["id"] for row in pages(fleet, **query)}
         if query != {"text": "Í 3"}:  # SQLite lowers ASCII alone
