@@ -23,6 +23,7 @@ PLATE_LENGTH, PLATE_WIDTH, PLATE_THICKNESS = 1.2, 0.7, 0.003
 PLATE_ABOVE_GROUND = 1.1
 ALUMINIUM_MODULUS, ALUMINIUM_DENSITY, POISSON = 70e9, 2700.0, 0.3
 RED, WHITE, CONCRETE = np.array([0.45, 0.04, 0.03]), np.array([0.52, 0.51, 0.48]), np.array([0.20, 0.19, 0.18])
+YELLOW = np.array([0.62, 0.47, 0.10])
 BAND = 0.5
 """Height of a band of paint, metres."""
 CELL = 0.012
@@ -127,9 +128,9 @@ def _banded(points: Float[np.ndarray, "points 3"], random: np.random.Generator) 
 
 
 def _speckled(points: Float[np.ndarray, "points 3"], random: np.random.Generator) -> Float[np.ndarray, "points 3"]:
-    """Black spots of a few centimetres on white, on both sides alike."""
+    """Black spots of a few centimetres on yellow, on both sides alike."""
     spots = blotches(points, random, 0.04, 0.12)[:, None] > 0.4
-    return np.where(spots, 0.04, WHITE)
+    return np.where(spots, 0.04, YELLOW)
 
 
 def _trapezoid(count: int) -> Float[np.ndarray, " points"]:
