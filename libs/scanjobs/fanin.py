@@ -18,7 +18,7 @@ from scanjobs.planting import plant
 from scanjobs.settling import fail_scan, hold_scan, live_steps
 from scanjobs.states import OPEN_SCAN_STATES, ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
-from scanjobs.transitions import REFRESHED, UNSYNCHRONISED, EventRow, move_step, record, wake_steps
+from scanjobs.transitions import UNSYNCHRONISED, EventRow, move_step, record, wake_steps
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
@@ -133,25 +133,30 @@ def release_children(session: Session, scan: Scan, step: Step) -> None:
 
 def wake_children(session: Session, scan: Scan, step: Step) -> Woken:
     """`release_children` without its events, which the caller records in the same transaction."""
-    children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
-    statement = (
-        update(Step)
-        .where(Step.id.in_(children), Step.state == StepState.PENDING)
-        .values(deps_left=Step.deps_left - 1)
-        .returning(Step)
-    )
-    counted = session.scalars(statement, execution_options=REFRESHED).all()
-    woken = sorted((child for child in counted if child.deps_left == 0), key=lambda child: child.id)
+    woken = _count_down(session, step)
     if not woken:
         return Woken([], {})
     if not has_relatives(scan):
         given = inputs_of_all(session, woken)
         digests = {child.id: _digest_of(scan, child, given[child.id]) for child in woken}
         return Woken(wake_steps(session, digests, woken), given)
-    for child in woken:  # each may end at once, and wake others
+    for child_id in [child.id for child in woken]:  # each may end at once, and wake others
+        child = session.get_one(Step, child_id, populate_existing=True)
         move_step(session, child, StepState.READY)
         take_over(session, scan, child)
     return Woken([], {})
+
+
+def _count_down(session: Session, step: Step) -> list[Step]:
+    """Count one parent less for every child; copies of those that wait for nothing more."""
+    table = table_of(Step)
+    children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
+    statement = update(table).where(table.c.id.in_(children), table.c.state == StepState.PENDING.value)
+    rows = session.execute(statement.values(deps_left=table.c.deps_left - 1).returning(*table.c)).all()
+    for known in session:
+        if isinstance(known, Step):  # it may be one of the children
+            session.expire(known)
+    return sorted((Step(**row._mapping) for row in rows if row.deps_left == 0), key=lambda child: child.id)
 
 
 def take_over_ready(session: Session, scan: Scan, start: int = WHOLE_SCAN) -> None:

@@ -28,7 +28,7 @@ from scanjobs.fanin import (
     lose_frame,
     wake_children,
 )
-from scanjobs.given import InputFile, inputs_of
+from scanjobs.given import InputFile, inputs_of_all
 from scanjobs.messages import IDENTIFY, TRAIN_GPU
 from scanjobs.settling import hold_scan, settle
 from scanjobs.slots import Devices, take_slot
@@ -100,7 +100,7 @@ def begin(
     moved = change_step(session, step_id, token, state, StepState.RUNNING, values=values)
     if moved is None:
         return None
-    files = inputs_of(session, step_id) if inputs is None else inputs
+    files = inputs_of_all(session, [moved.step])[step_id] if inputs is None else inputs
     claim = _claim_of(scan, moved.step, files, device)
     if scan.state == ScanState.QUEUED:
         move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})

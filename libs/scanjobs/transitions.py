@@ -56,12 +56,13 @@ def move_step(
     guard: ColumnElement[bool] | None = None,
 ) -> bool:
     """Move one step if it still is as `step` says (and `guard` holds); False when somebody was faster."""
-    moved = change_step(
-        session, step.id, step.token, StepState(step.state), target, reason=reason, values=values, guard=guard
-    )
-    if moved is None:
+    current = StepState(step.state)
+    statement = update(Step).where(*_as_told(Step, step.id, step.token, current), *(() if guard is None else (guard,)))
+    statement = statement.values(_changes(current, target, values)).returning(Step)
+    moved = session.scalars(statement, execution_options=REFRESHED).all()  # the row as it is now, without a second look
+    if not moved:
         return False
-    record(session, [moved.event])
+    record(session, [_step_event(step, current, target, reason)])
     return True
 
 
@@ -74,21 +75,35 @@ def change_step(
     *,
     reason: str = "",
     values: Values | None = None,
-    guard: ColumnElement[bool] | None = None,
 ) -> Moved | None:
-    """Move one step if it still is as the arguments say; the caller records the event in the same transaction."""
-    check_move(current, target)
-    statement = update(Step).where(Step.id == step_id, Step.state == current.value, Step.token == token)
-    if guard is not None:
-        statement = statement.where(guard)
-    if target is StepState.READY and current is not StepState.SENT:  # a lost message does not end the wait
-        values = {"ready_at": (values or {}).get("not_before", now_s()), **(values or {})}
-    step = session.scalars(
-        statement.values({"state": target.value, **(values or {})}).returning(Step), execution_options=REFRESHED
-    ).one_or_none()  # the row as it is now, in the place of a second look
-    if step is None:
+    """`move_step` where nobody has loaded the row; the caller records the event in the same transaction.
+
+    The step that is returned is a copy which the session does not know: half the price of one that it does.
+    """
+    table = table_of(Step)
+    statement = update(table).where(*_as_told(table.c, step_id, token, current))
+    statement = statement.values(_changes(current, target, values)).returning(*table.c)
+    row = session.execute(statement).one_or_none()
+    if row is None:
         return None
-    return Moved(step, _event(step.scan_id, step.id, step.generation, current.value, target.value, reason))
+    step = Step(**row._mapping)
+    return Moved(step, _step_event(step, current, target, reason))
+
+
+def _as_told(columns: Any, step_id: str, token: int, current: StepState) -> tuple[ColumnElement[bool], ...]:
+    return columns.id == step_id, columns.state == current.value, columns.token == token
+
+
+def _changes(current: StepState, target: StepState, values: Values | None) -> dict[str, Any]:
+    check_move(current, target)
+    changes = {"state": target.value, **(values or {})}
+    if target is StepState.READY and current is not StepState.SENT:  # a lost message does not end the wait
+        changes.setdefault("ready_at", changes.get("not_before", now_s()))
+    return changes
+
+
+def _step_event(step: Step, current: StepState, target: StepState, reason: str) -> EventRow:
+    return _event(step.scan_id, step.id, step.generation, current.value, target.value, reason)
 
 
 def wake_steps(session: Session, digests: Mapping[str, str | None], steps: Sequence[Step]) -> list[EventRow]:
@@ -98,11 +113,7 @@ def wake_steps(session: Session, digests: Mapping[str, str | None], steps: Seque
     statement = update(table).where(table.c.id == bindparam("step_id"), table.c.state == StepState.PENDING.value)
     statement = statement.values(state=StepState.READY.value, ready_at=now_s(), input_digest=bindparam("digest"))
     session.execute(statement, [{"step_id": step.id, "digest": digests[step.id]} for step in steps])
-    before, after = StepState.PENDING.value, StepState.READY.value
-    events = [_event(step.scan_id, step.id, step.generation, before, after, "") for step in steps]
-    for step in steps:
-        session.expire(step)
-    return events
+    return [_step_event(step, StepState.PENDING, StepState.READY, "") for step in steps]
 
 
 def move_steps(
