@@ -32,7 +32,11 @@ BATCH: Final = 200
 Resume = Annotated[
     str | None, Header(alias="Last-Event-ID", max_length=64, description="Id of the last event that was seen.")
 ]
-After = Annotated[str | None, Query(max_length=64, description="The same, for who cannot set headers.")]
+After = Annotated[
+    str | None,
+    Query(max_length=64, description="The same, for who cannot set headers; `now` leaves out what has happened."),
+]
+NOW: Final = "now"
 STREAM: Final = "text/event-stream"
 RESPONSES: Final[dict[int | str, dict[str, Any]]] = {200: {"content": {STREAM: {"schema": {"type": "string"}}}}}
 router = APIRouter(prefix="/v1", tags=["events"])
@@ -50,7 +54,7 @@ async def of_scan(
 ) -> StreamingResponse:
     """Every event of a scan and its steps from its beginning (or from behind the one named), then what comes."""
     await run_in_threadpool(_look_up, parts, scan_id, owner)
-    place = Place.parse(resume or after or str(BEGINNING))
+    place = await _place(parts, resume or after or str(BEGINNING))
     return _answer(request, parts, principal, owner, scan_id, place, steps=True)
 
 
@@ -65,9 +69,12 @@ async def of_all(
     steps: Annotated[bool, Query(description="Those of steps too.")] = False,
 ) -> StreamingResponse:
     """Events of all scans from now on, or from behind the one named."""
-    given = resume or after
-    place = Place.parse(given) if given else await run_in_threadpool(_now, parts)
+    place = await _place(parts, resume or after or NOW)
     return _answer(request, parts, principal, owner, None, place, steps=steps)
+
+
+async def _place(parts: Parts, given: str) -> Place:
+    return await run_in_threadpool(_now, parts) if given == NOW else Place.parse(given)
 
 
 def _answer(

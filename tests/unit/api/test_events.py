@@ -66,6 +66,20 @@ def test_a_scan_tells_its_whole_story_and_goes_on_where_a_reader_stopped(service
             assert read(address, f"{path}?after={everything[seen]}", len(rest)) == rest
 
 
+def test_a_scan_tells_from_now_on_alone_who_asks_for_that(service: Service) -> None:
+    """A page that has just loaded the scan needs none of its thousand events again."""
+    scan = service.submit()["id"]
+    known = len(happened(service))
+    with live(service.app()) as address:
+        path = f"{address}/v1/scans/{scan}/events?after=now"
+        with httpx.Client(timeout=10) as http, http.stream("GET", path) as answer:
+            told = messages(answer)
+            assert next(told)[1] == "ping"
+            service.store.write(lambda session: cancel_scan(session, scan))
+            first = next(message for message in told if message[1] not in ("ping", "progress"))
+    assert first[0] == happened(service)[known]
+
+
 def test_what_happens_while_somebody_listens_arrives_within_a_second(service: Service) -> None:
     scan = service.submit()["id"]
     with live(service.app()) as address, httpx.Client(base_url=address, timeout=10) as http:

@@ -42,14 +42,19 @@ export function useCalm(work, ms) {
   }, [ms]);
 }
 
-/** Listen while the component is shown; the state of the connection. */
-export function useStream(path, onEvent, onBack = () => {}) {
+/**
+ * Listen while the component is shown; the state of the connection.
+ *
+ * `onBack` is called when the line is live again after a gap, and with `eager` when it is live at first: what happened
+ * between the snapshot and the stream's beginning is in neither.
+ */
+export function useStream(path, onEvent, onBack = () => {}, eager = false) {
   const [state, setState] = useState("connecting");
   const latest = useRef({ onEvent, onBack });
   latest.current = { onEvent, onBack };
   useEffect(() => {
     if (!path) return undefined;
-    let wasLost = false;
+    let wasLost = eager;
     return listen(path, {
       onEvent: (type, data) => latest.current.onEvent(type, data),
       onState: (now) => {

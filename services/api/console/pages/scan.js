@@ -37,7 +37,7 @@ export default function Scan({ id, rest, query }) {
     if (type === "progress") setProgress(data.progress);
     else refresh();
   };
-  const live = useStream(state.value && `/v1/scans/${id}/events`, onEvent, refresh);
+  const live = useStream(state.value && `/v1/scans/${id}/events?after=now`, onEvent, refresh, true);
   return html`<${Loaded} state=${state}>${(scan) => html`
     <${View} scan=${{ ...scan, progress: progress ?? scan.progress }} live=${live} ticks=${ticks}
       part=${rest[0] ?? (scan.status === "succeeded" ? "modes" : "steps")} query=${query} onChange=${refresh} />`}
