@@ -17,16 +17,17 @@ RENDER, READ, TRAIN, EXTRACT, IDENTIFY = "frame.render", "frame.read", "frame.tr
 BEFORE_A_RENDER = 60_000
 """Rays that a view costs before its first: reading the scene."""
 REFERENCE: Mapping[str, float] = {
-    "frame.render blender": 9e-7,
-    "frame.render preview": 1.1e-6,
+    "frame.render blender": 8.3e-7,
+    "frame.render preview": 5.3e-7,
     "frame.read capture": 1e-7,
-    "frame.train grid": 7e-6,
-    "frame.train mlp": 3e-3,
-    "frame.extract grid": 1.5e-6,
-    "frame.extract mlp": 1e-4,
+    "frame.train grid": 7.9e-6,
+    "frame.train mlp": 2e-2,
+    "frame.extract grid": 4.9e-7,
+    "frame.extract mlp": 8e-3,
     "scan.identify any": 3e-6,
 }
-"""Seconds for a unit on one core of a machine without GPU."""
+"""Seconds for a unit on one core without GPU: processor time measured on the palm (24 views of 224 × 320); of the
+paper's network by counting its operations at 50 thousand million a second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
