@@ -1,8 +1,8 @@
 """Before anything of a request is read: who sends it, and whether he sends too much.
 
-Everything under ``/v1`` needs an API key (`Authorization: Bearer nm_…`, never in the address). A service that runs on
-its user's own machine (`keyless`) needs none from callers on that machine; what a proxy forwarded, and what a page of
-another origin made a browser send, is no such caller.
+Everything under ``/v1`` and ``/brapi`` needs an API key (`Authorization: Bearer nm_…`, never in the address). A service
+that runs on its user's own machine (`keyless`) needs none from callers on that machine; what a proxy forwarded, and
+what a page of another origin made a browser send, is no such caller.
 """
 
 import ipaddress
@@ -25,7 +25,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from services.api.errors import on_database, problem
 from services.api.rates import Rates
 
-GUARDED: Final = "/v1"
+GUARDED: Final = ("/v1", "/brapi")
 FORWARDED: Final = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-real-ip", "via")
 FAILURES_PER_MINUTE: Final = 60
 """Wrong keys from one address; 256 bits are not guessed, this keeps the log readable."""
@@ -89,7 +89,7 @@ class Doorkeeper:
 
 def is_guarded(path: str) -> bool:
     """Whether a path is part of the API proper; health, the documents and the page are for everybody."""
-    return path == GUARDED or path.startswith(f"{GUARDED}/")
+    return any(path == root or path.startswith(f"{root}/") for root in GUARDED)
 
 
 def is_local(request: Request) -> bool:

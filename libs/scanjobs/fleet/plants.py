@@ -128,14 +128,20 @@ def list_plants(
     order: Order,
     after: tuple[Any, str] | None = None,
     limit: int = 50,
+    offset: int = 0,
 ) -> tuple[Plant, ...]:
-    """The plants behind the place `after` (what was sorted by, and the key), at most `limit`."""
+    """The plants behind the place `after` (what was sorted by, and the key), without the first `offset` of them."""
     column = SORTS[order.by]
     query = select(Plant).where(*_chosen(owner, filters))
     if after is not None:
         query = query.where(_behind(column, order, after))
     ways = (column.desc(), Plant.key.desc()) if order.descending else (column.asc(), Plant.key.asc())
-    return tuple(session.scalars(query.order_by(*ways).limit(limit)))
+    return tuple(session.scalars(query.order_by(*ways).limit(limit).offset(offset)))
+
+
+def count_plants(session: Session, *, owner: str, filters: Filters) -> int:
+    """How many plants a list has in all."""
+    return session.scalars(select(func.count()).select_from(Plant).where(*_chosen(owner, filters))).one()
 
 
 def place_of(plant: Plant, order: Order) -> tuple[Any, str]:
