@@ -7,6 +7,7 @@ from nerfmodal.spec import ScanSpec, SimulationSource
 from pydantic import ValidationError
 
 from services.api.complaints import complaints_of
+from services.api.presets import PRESETS
 
 BEND = {"organ": "leaf_*", "shape": "bending_1", "frequency_hz": 2.0, "amplitude_m": 0.03}
 
@@ -92,6 +93,13 @@ def test_a_scene_that_cannot_be_names_its_key_and_the_remedy(changes, pointer, r
         check_source(source(**changes))
     assert refusal.value.where == pointer
     assert remedy in str(refusal.value.hint)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_can_be_filmed(name):
+    preset = PRESETS[name].source
+    assert isinstance(preset, SimulationSource)
+    check_source(preset)
 
 
 @pytest.mark.parametrize("kinematics", ["linear", "rotation"])

@@ -202,3 +202,17 @@ def test_graphics_cards_are_used_where_cycles_finds_them(kinds, device, make):
     assert blender._device(preferences) == device
     assert preferences.compute_device_type == make
     assert [one.use for one in preferences.devices] == [one.type == make for one in preferences.devices]
+
+
+@pytest.mark.parametrize("renderer", ["blender", "preview"])
+def test_a_studio_shows_what_moved_in_it_and_back(renderer):
+    mesh, cameras = acai().mesh, semi_spherical_rig(RIG).cameras
+    open_studio = blender.open_studio if renderer == "blender" else preview.open_studio
+    with open_studio(mesh, mesh.vertices, 0) as studio:
+        before = studio.shoot(cameras[1], 2)
+        studio.move(mesh.vertices - np.array([0.0, 0.0, 9.0]))
+        empty = studio.shoot(cameras[1], 2)
+        studio.move(mesh.vertices)
+        again = studio.shoot(cameras[1], 2)
+    assert np.array_equal(before, again)
+    assert (np.abs(before.astype(int) - empty).max(axis=2) > 20).mean() > 0.03
