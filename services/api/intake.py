@@ -13,7 +13,7 @@ from typing import Final
 
 from scanjobs.intake import Answer, Asked, Submission, insert_asked
 from scanjobs.store import Store
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DataError, IntegrityError
 
 MOST: Final = 64
 """Submissions of one transaction."""
@@ -72,7 +72,7 @@ class Intake:
     def _answers(self, asked: Sequence[Asked]) -> Sequence[Answer | Exception]:
         try:
             return self._store.write(partial(insert_asked, asked=asked))
-        except IntegrityError:  # another process has just used one of the keys: it finds that scan, the others go in
+        except (IntegrityError, DataError):  # one of them cannot go in, or another process has just used its key
             return [self._answer(one) for one in asked]
         except Exception as error:
             return [error] * len(asked)

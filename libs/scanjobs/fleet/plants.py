@@ -76,12 +76,17 @@ def add_plant(session: Session, plant_id: str, values: Mapping[str, Any], *, own
     return plant
 
 
+LONGEST_WORD: Final = 64
+"""Of a treatment or position in a plant's row; a specification's may be longer."""
+
+
 def ensure_plant(session: Session, spec: PlantSpec, *, owner: str) -> str:
     """The key of the plant that a specification names, made if it is not there; fills in what the row lacks."""
-    given = {"treatment": spec.treatment, "position": spec.position}
+    said = {"treatment": spec.treatment, "position": spec.position}
+    given = {name: (value or "").replace("\x00", "")[:LONGEST_WORD] or None for name, value in said.items()}
     _insert(session, spec.id, given, owner=owner)
     mine = (Plant.owner == owner, Plant.id == spec.id)
-    filled = {name: func.coalesce(getattr(Plant, name), value[:64]) for name, value in given.items() if value}
+    filled = {name: func.coalesce(getattr(Plant, name), value) for name, value in given.items() if value}
     if filled:
         session.execute(update(Plant).where(*mine).values(filled), execution_options=UNSYNCHRONISED)
     return session.scalars(select(Plant.key).where(*mine)).one()
