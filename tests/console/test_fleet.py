@@ -1,5 +1,6 @@
 """A fleet in the page: watched, filtered, opened, put right, alarmed and exported."""
 
+import csv
 import re
 import time
 from collections.abc import Iterator
@@ -105,6 +106,15 @@ def test_a_plant_s_parts_open(plants: Page, tab: str, sees: str):
     expect(plants.locator(sees).first).to_be_visible()
 
 
+def test_treatments_stand_side_by_side(plants: Page, greenhouse: tuple[str, Service]):
+    plants.goto(f"{greenhouse[0]}/#/plants/{rows(plants)[0]['id']}/treatments")
+    boxes = plants.locator("svg.boxes")
+    expect(boxes).to_have_attribute("aria-label", spanning("control: median"))
+    names = {str(row["treatment"]) for row in rows(plants)}
+    assert boxes.locator("rect").count() >= len(names)
+    expect(plants.locator(".legend > span")).to_have_count(len(names))
+
+
 def test_a_track_is_renamed_and_split_by_hand(plants: Page, greenhouse: tuple[str, Service]):
     plant = rows(plants)[-1]["id"]
     plants.goto(f"{greenhouse[0]}/#/plants/{plant}/tracks")
@@ -147,6 +157,14 @@ def test_an_alarm_says_what_changed_and_is_acknowledged_and_closed(page: Page, g
     expect(mine).to_have_count(0)
     page.get_by_label("State").select_option("closed")
     expect(mine).to_contain_text("closed")
+
+
+def test_observations_are_exported(plants: Page):
+    with plants.expect_download() as saved:
+        plants.get_by_role("button", name="Observations (.csv)").click()
+    with saved.value.path().open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert len({row["plant"] for row in found}) == PLANTS
 
 
 def spanning(pattern: str) -> re.Pattern[str]:
