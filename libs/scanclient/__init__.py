@@ -19,9 +19,11 @@ from scanclient.errors import (
     TooManyRequests,
     WaitTimedOut,
 )
+from scanclient.fleet_values import Alarm, Plant, Track
 from scanclient.values import Artifact, Capture, LogLine, Page, Scan, ScanFailure, StepProgress, Upload, is_result
 
 __all__ = [
+    "Alarm",
     "Artifact",
     "AsyncClient",
     "BrokenDownload",
@@ -36,6 +38,7 @@ __all__ = [
     "NotAllowed",
     "NotFound",
     "Page",
+    "Plant",
     "Problem",
     "Scan",
     "ScanCanceled",
@@ -45,6 +48,7 @@ __all__ = [
     "ServiceFailed",
     "StepProgress",
     "TooManyRequests",
+    "Track",
     "Upload",
     "WaitTimedOut",
     "is_result",

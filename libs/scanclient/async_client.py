@@ -18,6 +18,7 @@ from scanclient.calls import Call
 from scanclient.client import Client
 from scanclient.errors import WaitTimedOut
 from scanclient.fetching import AT_ONCE
+from scanclient.plants import AsyncPlants
 from scanclient.retries import unreachable, worth_retrying
 from scanclient.values import Artifact, Capture, LogLine, Page, Scan, bound, succeeded
 
@@ -44,6 +45,8 @@ class AsyncClient:
         self._address = address
         self._attempts = attempts
         self._http = httpx.AsyncClient(base_url=address, headers=headers, timeout=timeout_s)
+        self.plants = AsyncPlants(self._send)
+        """Plants, their history, tracks, alarms and exports."""
         self._blocking = partial(Client, address, key=key, timeout_s=timeout_s, attempts=attempts)
 
     async def __aenter__(self) -> Self:

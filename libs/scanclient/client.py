@@ -15,6 +15,7 @@ from scanclient.answers import checked
 from scanclient.calls import Call
 from scanclient.errors import WaitTimedOut
 from scanclient.fetching import AT_ONCE, Fetcher
+from scanclient.plants import Plants
 from scanclient.retries import unreachable, worth_retrying
 from scanclient.sending import Sender
 from scanclient.values import Artifact, Capture, LogLine, Page, Scan, bound, is_result, succeeded
@@ -43,6 +44,8 @@ class Client:
         self._address = address
         self._attempts = attempts
         self._http = httpx.Client(base_url=address, headers=headers, timeout=timeout_s)
+        self.plants = Plants(self._send)
+        """Plants, their history, tracks, alarms and exports."""
 
     def __enter__(self) -> Self:
         return self

@@ -11,6 +11,7 @@ from services.cli import (
     keys,
     local,
     operate,
+    plants,
     preflight,
     presets,
     reproduce,
@@ -45,6 +46,7 @@ app.command(epilog="Example: nerfmodal doctor")(doctor.doctor)
 app.command(epilog="Example: nerfmodal presets quick > quick.yaml")(presets.presets)
 app.add_typer(scans.app, name="scans")
 app.add_typer(reproduce.app, name="reproduce")
+app.add_typer(plants.app, name="plants")
 app.add_typer(keys.app, name="keys")
 app.add_typer(operate.app, name="workers")
 

@@ -77,12 +77,19 @@ def write_crate(session: Session, extent: Extent, path: Path) -> None:
         files = []
         for name, what, write in tables:
             size = 0
-            with archive.open(zipfile.ZipInfo(name, EPOCH), "w") as file:
+            with archive.open(_member(name), "w") as file:
                 for chunk in write(session, extent):
                     size += file.write(chunk)
             files.append(_file_entity(name, what, size))
         document = json.dumps(crate_document(extent, files), indent=2, ensure_ascii=False)
-        archive.writestr(zipfile.ZipInfo("ro-crate-metadata.json", EPOCH), document)
+        archive.writestr(_member("ro-crate-metadata.json"), document)
+
+
+def _member(name: str) -> zipfile.ZipInfo:
+    """A compressed member whose bytes do not depend on when it was written."""
+    member = zipfile.ZipInfo(name, EPOCH)
+    member.compress_type = zipfile.ZIP_DEFLATED
+    return member
 
 
 def crate_document(extent: Extent, files: list[dict[str, Any]]) -> dict[str, Any]:
