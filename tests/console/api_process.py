@@ -27,6 +27,7 @@ class Api:
         self._environment = os.environ | {
             "NERFMODAL_DATA_FOLDER": str(service.settings.data_folder),
             "NERFMODAL_KEYLESS": "true",
+            "NERFMODAL_LOG_LEVEL": "warning",
             "PYTHONPATH": f"{ROOT}:{ROOT / 'libs'}",
         }
         self._process: subprocess.Popen[bytes] | None = None

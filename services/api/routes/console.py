@@ -28,13 +28,13 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.api_route("/", methods=["GET", "HEAD"])
-def page(known: IfNoneMatch = "", encodings: AcceptEncoding = "") -> Response:
+async def page(known: IfNoneMatch = "", encodings: AcceptEncoding = "") -> Response:
     """The page; it names its files by their version, so it is asked for anew each time."""
     return _answer(library().page, known, encodings, ASK_FIRST)
 
 
 @router.api_route("/console/{version}/{name:path}", methods=["GET", "HEAD"])
-def file(version: str, name: str, known: IfNoneMatch = "", encodings: AcceptEncoding = "") -> Response:
+async def file(version: str, name: str, known: IfNoneMatch = "", encodings: AcceptEncoding = "") -> Response:
     """A file of the page. A page of another version gets the present file, which it must not keep."""
     found = library().files.get(name)
     if found is None:
