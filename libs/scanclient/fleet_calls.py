@@ -10,9 +10,7 @@ CSV = "text/csv"
 Filters = Mapping[str, str | Sequence[str] | None]
 
 
-def list_plants(
-    filters: Mapping[str, str | Sequence[str] | None], *, sort: str, cursor: str | None, limit: int
-) -> Call:
+def list_plants(filters: Filters, *, sort: str, cursor: str | None, limit: int) -> Call:
     params: Params = {"sort": sort, "limit": str(limit)}
     params |= {key: value if isinstance(value, str) else list(value) for key, value in filters.items() if value}
     if cursor:

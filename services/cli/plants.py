@@ -26,9 +26,7 @@ def list_(
     tag: Annotated[Words, typer.Option(help="Only with this tag.")] = None,
     alarm: Annotated[bool | None, typer.Option("--alarm/--no-alarm", help="With, or without, an open alarm.")] = None,
     text: Annotated[str | None, typer.Option(help="Part of id, name, position, species, genotype.")] = None,
-    sort: Annotated[
-        str, typer.Option(help="id, name, treatment, ratio, alarms …; `-` first: the largest first.")
-    ] = "id",
+    sort: Annotated[str, typer.Option(help="id, name, ratio, alarms …; `-` first: the largest first.")] = "id",
     url: Url = None,
     key: Key = None,
     as_json: Json = False,

@@ -44,17 +44,18 @@ def seeded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = Settings(data_folder=tmp_path_factory.mktemp("seeded"))
     upgrade(settings.database)
     store = open_store(settings.database)
-    seed_fleet(store, ArtifactStore(settings.artifacts), owner=LOCAL_OWNER, plants=4, scans=16, now=NOW)
+    seed_fleet(store, ArtifactStore(settings.artifacts), owner=LOCAL_OWNER, plants=4, scans=20, now=NOW)
     store.close()
     return settings.data_folder
 
 
 @pytest.fixture
 def fleet(seeded: Path, tmp_path: Path) -> Iterator[Service]:
+    """A service that has the fleet, and tells nobody by itself."""
     settings = Settings(data_folder=Path(shutil.copytree(seeded, tmp_path / "data")))
     store, artifacts = open_store(settings.database), ArtifactStore(settings.artifacts)
-    with TestClient(create_app(settings, store, artifacts), raise_server_exceptions=False) as http:
-        yield Service(http=http, settings=settings, store=store, artifacts=artifacts, folder=tmp_path)
+    http = TestClient(create_app(settings, store, artifacts), raise_server_exceptions=False)
+    yield Service(http=http, settings=settings, store=store, artifacts=artifacts, folder=tmp_path)
     store.close()
 
 
@@ -217,10 +218,10 @@ def test_alarms_go_out_by_e_mail_and_are_tried_again(fleet: Service) -> None:
     controller.start()
     try:
         settings = fleet.settings.model_copy(update={"smtp_url": f"smtp://127.0.0.1:{port}"})
-        with TestClient(create_app(settings, fleet.store, fleet.artifacts)) as http:
-            hook = {"url": "mailto:grower@example.org", "types": ["alarm.opened"]}
-            assert http.post("/v1/webhooks", json=hook).status_code == 201
-            assert http.post("/v1/webhooks", json={"url": "mailto:a@b.org,c@d.org"}).status_code == 422
+        http = TestClient(create_app(settings, fleet.store, fleet.artifacts))
+        hook = {"url": "mailto:grower@example.org", "types": ["alarm.opened"]}
+        assert http.post("/v1/webhooks", json=hook).status_code == 201
+        assert http.post("/v1/webhooks", json={"url": "mailto:a@b.org,c@d.org"}).status_code == 422
         open_an_alarm(fleet)
         sender = Deliveries(fleet.store, settings)
         assert asyncio.run(sender.send_due())
@@ -247,7 +248,7 @@ def open_an_alarm(fleet: Service) -> None:
 
     def work(session: Any) -> None:
         plant = get_plant(session, "demo-001", owner=LOCAL_OWNER)
-        last = sorted({row.at for row in session.query(Observation).filter_by(plant_key=plant.key)})[-4]
+        last = sorted({row.at for row in session.query(Observation).filter_by(plant_key=plant.key)})[-6]
         lowered = update(Observation).where(Observation.plant_key == plant.key, Observation.at >= last)
         session.execute(delete(Alarm).where(Alarm.plant_key == plant.key))
         session.execute(lowered.values(frequency_hz=Observation.frequency_hz * 0.94))
