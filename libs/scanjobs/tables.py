@@ -19,6 +19,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from scanjobs import account_tables as account_tables  # every table is in Base.metadata as soon as one is
+from scanjobs import rigs as rigs  # likewise
 from scanjobs.clock import transaction_number
 from scanjobs.fleet import tables as fleet_tables  # noqa: F401 - likewise
 from scanjobs.table_base import Base as Base

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from nerfmodal.errors import InvalidInput
+from nerfmodal.preflight.certified import WHAT_WRITES_ONE, check_certificate
 from nerfmodal.spec import CaptureSource, RigSpec, ScanSpec, SimulationSource
 from pydantic import ValidationError
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 FILE_NAME = "certificate.json"
 WHAT_A_RIG_IS = "Give a capture's folder, a specification with a simulation or a capture, or the keys of source.rig."
-WHAT_WRITES_ONE = "Give the certificate.json that `nerfmodal certify` wrote."
 RigPlace = Annotated[
     Path,
     typer.Argument(metavar="RIG", help="A capture, a specification, or a file of rig keys.", show_default=False),
@@ -79,11 +79,9 @@ def read_certificate(path: Path) -> Document:
     """A stored certificate. Raises `InvalidInput` where the file is none."""
     try:
         document = json.loads(path.read_text())
-        if document["format"] == "nerfmodal rig certificate" and "noise_per_grain" in document:
-            return dict(document)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError) as error:
         raise InvalidInput(f"cannot be read ({error}).", where=str(path), hint=WHAT_WRITES_ONE) from error
-    raise InvalidInput("is no certificate of a rig.", where=str(path), hint=WHAT_WRITES_ONE)
+    return check_certificate(document, str(path))
 
 
 def _of_spec(spec: ScanSpec, path: Path) -> tuple["Rig", float | None]:

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import HealthCheck, example, given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
+from nerfmodal.preflight.certified import FORMAT, VERSION, certificate_id
 from PIL import Image
 from scanjobs.account_tables import ApiKey, Capture, Upload, WebhookDelivery, WebhookEndpoint
 from scanjobs.artifacts import ArtifactStore
@@ -151,6 +152,7 @@ def belongings(
         "webhook_id": hooks[0],
         "delivery_id": deliveries[0],
         "key_id": key,
+        "rig_id": certificate(http, mine),
         **watched(http, store, mine),
     }
     return ids, cursors, steps
@@ -216,10 +218,27 @@ def capture(http: TestClient, headers: dict[str, str], upload_id: str) -> str:
     return str(answer.json()["id"])
 
 
+def certificate(http: TestClient, headers: dict[str, str]) -> str:
+    """The rig of a certificate."""
+    content = {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "rig_digest": "ab" * 32,
+        "cameras": [],
+        "frame_rate_hz": 9.0,
+    }
+    content["remark"] = CANARY
+    answer = http.post("/v1/rigs", json=content | {"id": certificate_id(content)}, headers=headers)
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["rig"])
+
+
 def scope_of(method: str, path: str) -> Scope:
     """What a route needs."""
     if path.startswith("/v1/keys"):
         return Scope.ADMIN
+    if path == "/v1/preflight":  # asks, and stores nothing
+        return Scope.READ
     return Scope.READ if method in ("GET", "HEAD", "OPTIONS") else Scope.SUBMIT
 
 

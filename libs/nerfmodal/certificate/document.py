@@ -16,13 +16,13 @@ from nerfmodal import __version__
 from nerfmodal.bounds import cramer_rao
 from nerfmodal.certificate.target import AMPLITUDES, DAMPING_RATIO, Board
 from nerfmodal.identify.comparison import ComparisonRow
+from nerfmodal.preflight.certified import FORMAT, VERSION, certificate_id
 from nerfmodal.types import Camera, Rig, TrueMode, Verdict
 
 if TYPE_CHECKING:
     from nerfmodal.certificate.certify import Settings
 
 Document = dict[str, Any]
-FORMAT, VERSION = "nerfmodal rig certificate", 1
 
 
 def certificate_document(
@@ -54,7 +54,7 @@ def certificate_document(
         "frequencies": told,
         "lines": lines,
     }
-    return {"id": _digest(document), "created": datetime.now(UTC).isoformat(timespec="seconds")} | document
+    return {"id": certificate_id(document), "created": datetime.now(UTC).isoformat(timespec="seconds")} | document
 
 
 def rig_digest(rig: Rig, frame_rate: float) -> str:

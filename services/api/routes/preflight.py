@@ -8,6 +8,7 @@ from nerfmodal.preflight.expected import seen_in
 from nerfmodal.spec import ScanSpec, SimulationSource
 from pydantic import ValidationError
 from scanjobs.history import PastKind, past_kinds
+from scanjobs.rigs import find_certificate
 from scanjobs.workers import active_workers
 from sqlalchemy.orm import Session
 
@@ -27,7 +28,7 @@ router = APIRouter(prefix="/v1/preflight", tags=["preflight"])
 
 
 @router.post("")
-def look_ahead(spec: ScanSpec, parts: TheParts, _: Owner, mode: Modes = None, noise_mm: Noise = None) -> Preflight:
+def look_ahead(spec: ScanSpec, parts: TheParts, owner: Owner, mode: Modes = None, noise_mm: Noise = None) -> Preflight:
     """What the record of this specification can resolve, and its time on these workers. Nothing is stored or opened.
 
     The verdict is that of the gravest finding; `refuse` means that the scan cannot answer what it is asked.
@@ -35,8 +36,14 @@ def look_ahead(spec: ScanSpec, parts: TheParts, _: Owner, mode: Modes = None, no
     storable(spec)
     with parts.store.read() as session:
         pace = measured_pace(session, parts.settings.slots)
-    expected = [_expected(text) for text in mode or ()]
-    return preflight(spec, expected=expected, noise=None if noise_mm is None else noise_mm / 1000, pace=pace)
+        certificate = spec.rig_certificate and find_certificate(session, spec.rig_certificate, owner=owner)
+    return preflight(
+        spec,
+        expected=[_expected(text) for text in mode or ()],
+        noise=None if noise_mm is None else noise_mm / 1000,
+        noise_per_grain=certificate.document.get("noise_per_grain") if certificate else None,
+        pace=pace,
+    )
 
 
 def measured_pace(session: Session, default_slots: int) -> Pace:

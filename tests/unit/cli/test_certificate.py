@@ -10,12 +10,14 @@ from nerfmodal.certificate import rig_digest
 from nerfmodal.errors import InvalidInput
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.io.transforms import camera_entry
+from nerfmodal.preflight.certified import FORMAT, VERSION, certificate_id, check_certificate
 from nerfmodal.spec import RigSpec
 from PIL import Image
 
 from services.cli.certificate import read_certificate, rig_of
 from tests.unit.cli.conftest import SPEC, Call
 
+REST = {"cameras": [], "frame_rate_hz": 30.0}
 RIG = RigSpec(cameras=4, width_px=32, height_px=24)
 
 
@@ -70,7 +72,9 @@ def test_a_rig_without_a_frame_rate_asks_for_it(call: Call, tmp_path: Path) -> N
 
 def test_preflight_takes_the_noise_of_a_certificate(call: Call, spec: Path, tmp_path: Path) -> None:
     spec.write_text(SPEC.replace("frames: 3", "frames: 90"))
-    (tmp_path / "certificate.json").write_text('{"format": "nerfmodal rig certificate", "noise_per_grain": 0.12}')
+    document = {"format": FORMAT, "format_version": VERSION, "rig_digest": "ab" * 32, **REST, "noise_per_grain": 0.12}
+    document["id"] = certificate_id(document)
+    (tmp_path / "certificate.json").write_text(json.dumps(document))
     plain, certified = (
         json.loads(call("preflight", spec, *more, "--json").stdout)
         for more in ((), ("--certificate", "certificate.json"))
@@ -81,9 +85,15 @@ def test_preflight_takes_the_noise_of_a_certificate(call: Call, spec: Path, tmp_
 
 
 def test_a_file_that_is_no_certificate_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.json").write_text("{}")
-    with pytest.raises(InvalidInput, match="cannot be read"):
-        read_certificate(tmp_path / "a.json")
-    (tmp_path / "a.json").write_text('{"format": "other"}')
-    with pytest.raises(InvalidInput, match="is no certificate"):
-        read_certificate(tmp_path / "a.json")
+    whole = {"format": FORMAT, "format_version": VERSION, "rig_digest": "ab" * 32, **REST}
+    whole["id"] = certificate_id(whole)
+    assert check_certificate(whole) == whole
+    for text, said in (
+        ("{", "cannot be read"),
+        ("[]", "is no certificate"),
+        (json.dumps(whole | {"format_version": 2}), "has version 2"),
+        (json.dumps(whole | {"noise_per_grain": 0.01}), "was changed"),
+    ):
+        (tmp_path / "a.json").write_text(text)
+        with pytest.raises(InvalidInput, match=said):
+            read_certificate(tmp_path / "a.json")
