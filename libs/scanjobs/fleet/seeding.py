@@ -4,13 +4,8 @@ Scans are rows and files like any other (`fsck` finds nothing wrong with them); 
 ones: read from modes.json, joined, charted, alarmed. Everything of it is marked and can be removed.
 """
 
-import io
-import json
-import tempfile
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 from uuid import UUID
 
@@ -19,12 +14,13 @@ from nerfmodal.spec import CloudsSource, PlantSpec, ScanSpec
 from sqlalchemy import delete, insert, select, update
 from sqlalchemy.orm import Session
 
-from scanjobs.artifacts import ArtifactStore, Stored
+from scanjobs.artifacts import ArtifactStore
 from scanjobs.fleet.joining import join
 from scanjobs.fleet.plants import UNSYNCHRONISED
+from scanjobs.fleet.seeding_files import Files, Pot
 from scanjobs.fleet.seeding_rows import END_S, rows_of_scan
 from scanjobs.fleet.tables import Alarm, Environment, Plant, PlantEvent, PlantTag
-from scanjobs.monitoring.simulated import DAY_S, Kind, Life, Nature, live, temperature
+from scanjobs.monitoring.simulated import DAY_S, Kind, Nature, live, temperature
 from scanjobs.store import Store
 from scanjobs.table_base import table_of
 from scanjobs.tables import Artifact, ArtifactRef, Attempt, Event, Scan, ScanTag, Step, StepDependency
@@ -34,11 +30,6 @@ PAUSE_S: Final = 12 * 3600.0
 TREATMENTS: Final = ("control", "drought", "recovery")
 STUDY: Final = "greenhouse-demo"
 TABLES: Final = (Scan, ScanTag, Step, StepDependency, Attempt, Event, Artifact, ArtifactRef)
-AT_ONCE: Final = 16
-SHAPES: Final = 3
-"""Versions of each shape of a plant: scans of one mode do not see quite the same."""
-FRAME_RATE_HZ: Final = 30.0
-FRAMES: Final = 240
 BATCH: Final = 400
 
 
@@ -48,22 +39,6 @@ class Seeded:
 
     plants: int
     scans: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Pot:
-    """One plant of the demonstration: what it is called, and what becomes of it."""
-
-    number: int
-    treatment: str
-    life: Life
-    failed: np.ndarray
-    dry_from: float | None
-    again_from: float | None
-
-    @property
-    def id(self) -> str:
-        return f"demo-{self.number:03d}"
 
 
 def seed_fleet(
@@ -115,7 +90,7 @@ def remove_fleet(store: Store, *, owner: str) -> int:
 HOUSE_MARK: Final = "demo-"
 
 
-def _pot(number: int, at: np.ndarray, warm: np.ndarray, rng: np.random.Generator) -> _Pot:
+def _pot(number: int, at: np.ndarray, warm: np.ndarray, rng: np.random.Generator) -> Pot:
     treatment = TREATMENTS[(number - 1) % 4 % 3]
     span = at[-1] - at[0]
     dry_from = again_from = None
@@ -130,7 +105,7 @@ def _pot(number: int, at: np.ndarray, warm: np.ndarray, rng: np.random.Generator
     failed = rng.random(len(at)) < 0.02
     if number % 67 == 5:
         failed[-3:] = True
-    return _Pot(number, treatment, life, failed, dry_from, again_from)
+    return Pot(number, treatment, life, failed, dry_from, again_from)
 
 
 def _write_house(session: Session, owner: str, at: np.ndarray, rng: np.random.Generator) -> None:
@@ -155,10 +130,10 @@ def _write_house(session: Session, owner: str, at: np.ndarray, rng: np.random.Ge
     session.execute(insert(table_of(Environment)), [row for row in rows if row["at"] not in known])
 
 
-def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: _Pot) -> int:
+def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: Pot) -> int:
     """One plant, all or nothing, then joined as a worker would."""
     rng = np.random.default_rng(pot.number)
-    files = _Files(artifacts, pot, rng)
+    files = Files(artifacts, pot, rng)
     key = str(UUID(bytes=rng.bytes(16), version=4))
     rows: dict[Any, list[dict[str, Any]]] = {table: [] for table in TABLES}
     for k in range(len(pot.life.at)):
@@ -185,18 +160,18 @@ def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: _Pot) ->
     return len(pot.life.at)
 
 
-def bench_of(pot: _Pot) -> str:
+def bench_of(pot: Pot) -> str:
     """The tag of the bench that the pot stands on."""
     return f"bench-{1 + (pot.number - 1) // 50}"
 
 
-def _spec(pot: _Pot) -> dict[str, Any]:
+def _spec(pot: Pot) -> dict[str, Any]:
     source = CloudsSource(kind="clouds", path="demo-fleet")
     spec = ScanSpec(name=pot.id, source=source, plant=PlantSpec(id=pot.id, treatment=pot.treatment), tags=(TAG,))
     return spec.model_dump(mode="json")
 
 
-def _plant_row(owner: str, key: str, pot: _Pot) -> dict[str, Any]:
+def _plant_row(owner: str, key: str, pot: Pot) -> dict[str, Any]:
     row, column = divmod(pot.number - 1, 10)
     return {
         "key": key,
@@ -227,7 +202,7 @@ def _plant_row(owner: str, key: str, pot: _Pot) -> dict[str, Any]:
     }
 
 
-def _write_care(session: Session, owner: str, key: str, pot: _Pot) -> None:
+def _write_care(session: Session, owner: str, key: str, pot: Pot) -> None:
     """What was measured at the pot with every scan, and what was done to it."""
     life = pot.life
     records = [
@@ -271,116 +246,6 @@ def _date_alarms(session: Session, key: str) -> None:
     for alarm in session.scalars(select(Alarm).where(Alarm.plant_key == key)):
         opened = {"opened_at": float(alarm.evidence["detected_at"]) + END_S}
         session.execute(update(Alarm).where(Alarm.id == alarm.id).values(opened), execution_options=UNSYNCHRONISED)
-
-
-class _Files:
-    """The files of a plant's scans in the store: shapes in a few versions, and a modes.json for each scan."""
-
-    def __init__(self, artifacts: ArtifactStore, pot: _Pot, rng: np.random.Generator) -> None:
-        self._pot = pot
-        with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(AT_ONCE, "seed") as pool:
-            self._artifacts, self._folder, self._pool = artifacts, Path(folder), pool
-            self._shapes = self._put([_shape(pot, mode, rng) for _ in range(SHAPES) for mode in range(3)])
-            documents = [_document(pot, k) for k in range(len(pot.life.at))]
-            self._documents = self._put(documents)
-
-    def of_scan(self, k: int) -> dict[str, Stored]:
-        """Role → file."""
-        modes = self._pot.life.frequencies.shape[1]
-        first = (k % SHAPES) * modes
-        shapes = {name: self._shapes[first + mode] for mode, name in enumerate(_shape_names())}
-        return {"modes.json": self._documents[k]} | shapes
-
-    def _put(self, contents: Sequence[bytes]) -> list[Stored]:
-        def one(numbered: tuple[int, bytes]) -> Stored:
-            path = self._folder / f"{len(numbered[1])}-{numbered[0]}"
-            path.write_bytes(numbered[1])
-            return self._artifacts.put(path)
-
-        return list(self._pool.map(one, enumerate(contents)))
-
-
-def _shape_names() -> list[str]:
-    organs = Kind().organs
-    return [f"shapes/{organ}_{organs[:k].count(organ)}.npz" for k, organ in enumerate(organs)]
-
-
-def _shape(pot: _Pot, mode: int, rng: np.random.Generator) -> bytes:
-    """A bending shape on a small grid of sensors: first or second mode of a leaf, first of the trunk."""
-    along = np.linspace(0.0, 1.0, 20)
-    place = np.random.default_rng([pot.number, mode < 2])
-    length = place.uniform(0.8, 1.1)
-    if mode < 2:
-        s, across = (grid.ravel() for grid in np.meshgrid(along, np.linspace(-0.06, 0.06, 4), indexing="ij"))
-        positions = np.column_stack([length * s, across, 1.4 - 0.5 * s**2])
-        bend = s**2 if mode == 0 else s**2 * (0.83 - s)
-        directions = np.array([[0.0, 0.0, 1.0]])
-    else:
-        positions = np.column_stack([0.05 * np.ones(20), np.zeros(20), 1.4 * along])
-        bend, directions = along**2, np.array([[1.0, 0.0, 0.0]])
-    shape = (bend / np.abs(bend).max() + rng.normal(0.0, 0.02, len(bend)))[:, None]
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, positions=positions, shape=shape / np.abs(shape).max(), directions=directions)
-    return buffer.getvalue()
-
-
-def _document(pot: _Pot, k: int) -> bytes:
-    """The modes.json of a scan."""
-    organs: dict[str, list[dict[str, Any]]] = {name: [] for name in dict.fromkeys(Kind().organs)}
-    for mode, (organ, shape) in enumerate(zip(Kind().organs, _shape_names(), strict=True)):
-        frequency = float(pot.life.frequencies[k, mode])
-        if np.isfinite(frequency):
-            organs[organ].append(_mode(pot, k, mode, len(organs[organ])) | {"shape": shape})
-    document = {
-        "name": pot.id,
-        "frame_rate_hz": FRAME_RATE_HZ,
-        "duration_s": FRAMES / FRAME_RATE_HZ,
-        "frames": FRAMES,
-        "excitation": "free_decay",
-        "outcome": "OK",
-        "message": "The result can be used.",
-        "organs": [_organ(name, modes) for name, modes in organs.items()],
-        "structure": [],
-        "provenance": {"package_version": "demo", "simulated": True},
-    }
-    return json.dumps(document, ensure_ascii=False).encode()
-
-
-def _organ(name: str, modes: list[dict[str, Any]]) -> dict[str, Any]:
-    leaf = name.startswith("leaf")
-    return {
-        "name": name,
-        "surface": "polynomial" if leaf else "cylinder",
-        "sensors": 80 if leaf else 20,
-        "frames_used": FRAMES,
-        "outcome": "OK",
-        "message": "The result can be used.",
-        "modes": modes,
-    }
-
-
-def _mode(pot: _Pot, k: int, mode: int, number: int) -> dict[str, Any]:
-    rng = np.random.default_rng([pot.number, k, mode])
-    frequency, std = float(pot.life.frequencies[k, mode]), float(pot.life.stds[k, mode])
-    damping = float(pot.life.damping_ratios[k, mode])
-    root = float(np.sqrt(1.0 - damping**2))
-    return {
-        "mode": number,
-        "natural_frequency_hz": frequency,
-        "natural_frequency_hz_std": std,
-        "damped_frequency_hz": frequency * root,
-        "damped_frequency_hz_std": std * root,
-        "damping_ratio": damping,
-        "damping_ratio_std": 0.1 * damping,
-        "amplitude_m": round(float(rng.uniform(0.01, 0.05)), 4),
-        "energy_share": round(float((0.7, 0.2, 0.9)[mode] + rng.normal(0.0, 0.03)), 3),
-        "mpc": round(float(1.0 - abs(rng.normal(0.0, 0.01))), 4),
-        "mac_between_methods": round(float(1.0 - abs(rng.normal(0.0, 0.01))), 4),
-        "agreeing_methods": ["complexity_pursuit", "subspace"],
-        "verdict": "doubtful" if rng.random() < 0.03 else "accepted",
-        "reasons": [],
-        "normalisation": "unit_max",
-    }
 
 
 def id_at(at: float, rng: np.random.Generator) -> str:
