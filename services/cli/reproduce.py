@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from nerfmodal import __version__
-from nerfmodal.errors import InvalidInput
+from nerfmodal.errors import InvalidInput, MissingExtra
 from nerfmodal.spec import RigSpec, ScanSpec, SimulationSource
 
 from services.api.presets import DEFAULT, PRESETS
@@ -162,12 +162,17 @@ def submitted(client: "Client", spec: ScanSpec) -> "Scan":
     return client.retry(scan.id) if scan.status in ("failed", "canceled") else scan
 
 
-def _portrait(spec: ScanSpec) -> "Frame":
+def _portrait(spec: ScanSpec) -> "Frame | None":
+    """The plant at rest, large; None where this machine cannot render and only fetched what another one did."""
     from nerfmodal import pipeline
 
     assert isinstance(spec.source, SimulationSource)
     source = spec.source.model_copy(update={"rig": PORTRAIT, "samples": PORTRAIT_SAMPLES, "frames": 1, "motion": ()})
-    return pipeline.make_frame(spec.model_copy(update={"source": source}), 0, report=lambda _: None)
+    try:
+        return pipeline.make_frame(spec.model_copy(update={"source": source}), 0, report=lambda _: None)
+    except MissingExtra as error:
+        notes().print(f"Figure 4 is left out: {error}")
+        return None
 
 
 def _begun(out: Path, command: str) -> Document:
