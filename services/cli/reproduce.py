@@ -75,7 +75,7 @@ def paper(
     specs = [experiment(name, scale, seed, renderer, frames) for name in names]
     command = _command(scale, names, seed, renderer, frames)
     out.mkdir(parents=True, exist_ok=True)
-    stored = _begun(out, command)
+    stored = _begun(out, command, {one.digest() for one in specs})
     with _service(out, url, key) as client:
         for one in specs:
             if not any(done["spec_digest"] == one.digest() for done in stored["experiments"]):
@@ -175,20 +175,20 @@ def _portrait(spec: ScanSpec) -> "Frame | None":
         return None
 
 
-def _begun(out: Path, command: str) -> Document:
-    """What an earlier run with the same options has stored, or a new document."""
+def _begun(out: Path, command: str, wanted: set[str]) -> Document:
+    """What an earlier run of the same command has stored of these specifications, or a new document."""
     path = out / "reproduction.json"
     if path.is_file():
         stored: Document = json.loads(path.read_text())
-        if stored["command"] == command:
-            return stored | {"resumed": True}
-    resumed = (out / ".service").exists()
+        if stored["command"] == command and stored["version"] == __version__:
+            kept = [one for one in stored["experiments"] if one["spec_digest"] in wanted]
+            return stored | {"resumed": True, "experiments": kept}
     return {
         "command": command,
         "version": __version__,
         "machine": {key: value for key, value in machine().items() if key != "free_disk_gib"},
         "seconds": 0.0,
-        "resumed": resumed,
+        "resumed": (out / ".service").exists(),
         "experiments": [],
     }
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from nerfmodal import __version__
 from nerfmodal.spec import SimulationSource
 
 from services.api.presets import PRESETS
-from services.cli.reproduce import EXPERIMENTS, experiment, submitted
+from services.cli.reproduce import EXPERIMENTS, _begun, experiment, submitted
 from tests.unit.cli.conftest import Call, stored
 
 ROOT = Path(__file__).parents[3]
@@ -60,6 +61,14 @@ def test_a_scan_that_failed_is_tried_again(status: str, retried: list[str]) -> N
     small = experiment("paper", "small", 0, "preview", 16)
     assert submitted(Service(), small).id == "s"  # type: ignore[arg-type]
     assert calls == retried
+
+
+def test_what_another_command_or_specification_stored_is_not_taken(tmp_path: Path) -> None:
+    done = [{"spec_digest": "old"}, {"spec_digest": "same"}]
+    stored = {"command": "c", "version": __version__, "experiments": done}
+    (tmp_path / "reproduction.json").write_text(json.dumps(stored))
+    assert _begun(tmp_path, "c", {"same", "new"})["experiments"] == [{"spec_digest": "same"}]
+    assert _begun(tmp_path, "another", {"same"})["experiments"] == []
 
 
 def test_a_run_that_is_killed_goes_on_with_the_same_scan(
