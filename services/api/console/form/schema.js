@@ -28,7 +28,12 @@ function fits(option, value) {
   if (option.type === "array") return Array.isArray(value);
   if (option.type === "object") {
     const kind = option.properties?.kind?.const;
-    return value !== null && typeof value === "object" && !Array.isArray(value) && (kind === undefined || value.kind === kind);
+    return (
+      value !== null &&
+      typeof value === "object" &&
+      !Array.isArray(value) &&
+      (kind === undefined || value.kind === kind)
+    );
   }
   if (option.type === "integer" || option.type === "number") return typeof value === "number";
   return typeof value === option.type;
@@ -68,7 +73,8 @@ export function changed(tree, path, value) {
 
 /** The merge patch (RFC 7396) that makes `after` of `before`; undefined where they are equal. */
 export function mergePatch(before, after) {
-  if (!isObject(before) || !isObject(after)) return JSON.stringify(before) === JSON.stringify(after) ? undefined : after;
+  if (!isObject(before) || !isObject(after))
+    return JSON.stringify(before) === JSON.stringify(after) ? undefined : after;
   const patch = {};
   for (const key of new Set([...Object.keys(before), ...Object.keys(after)])) {
     const change = key in after ? (key in before ? mergePatch(before[key], after[key]) : after[key]) : null;
@@ -89,4 +95,5 @@ export function labelOf(name) {
 }
 
 /** JSON pointer of a path of keys. */
-export const pointer = (path) => path.map((key) => `/${String(key).replaceAll("~", "~0").replaceAll("/", "~1")}`).join("");
+export const pointer = (path) =>
+  path.map((key) => `/${String(key).replaceAll("~", "~0").replaceAll("/", "~1")}`).join("");

@@ -12,8 +12,13 @@ import { Loaded, ProblemBox } from "../parts/problem.js";
 export default function Admin() {
   const info = useLoad((signal) => get("/v1/info", {}, signal), []);
   return html`<h1>Service</h1>
-    <${Loaded} state=${info}>${(one) => html`<dl class="facts"><dt>Version</dt><dd>${one.version}</dd><dt>Database</dt><dd>${one.database}</dd><dt>Broker</dt><dd>${one.broker}</dd>
-      <dt>Workers</dt><dd>${one.workers.length ? one.workers.map((worker) => html`<div>${worker.host}: ${worker.slots} slots (${worker.queues.join(", ")})</div>`) : "none is alive: no step begins"}</dd></dl>`}<//>
+    <${Loaded} state=${info}>${(
+      one,
+    ) => html`<dl class="facts"><dt>Version</dt><dd>${one.version}</dd><dt>Database</dt><dd>${one.database}</dd>
+      <dt>Broker</dt><dd>${one.broker}</dd>
+      <dt>Workers</dt><dd>${one.workers.length ? one.workers.map((worker) => html`<div>
+        ${worker.host}: ${worker.slots} slots (${worker.queues.join(", ")})</div>`) : "none is alive: no step begins"}
+        </dd></dl>`}<//>
     <p><a href="/docs">The API's own page</a></p>
     <${Keys} /><${Webhooks} />`;
 }
@@ -36,15 +41,24 @@ function Keys() {
     }
   };
   return html`<h2>API keys</h2><${Loaded} state=${state}>${({ items }) => html`<div class="scroll"><table>
-      <thead><tr><th scope="col">Name</th><th scope="col">May</th><th scope="col">Made</th><th scope="col">Used</th><th scope="col">State</th><th></th></tr></thead>
-      <tbody>${items.map((key) => html`<tr key=${key.id}><td>${key.name}</td><td>${key.scopes.join(", ")}</td><td>${day(key.created_at)}</td><td>${key.last_used_at ? ago(key.last_used_at) : "never"}</td>
+      <thead><tr><th scope="col">Name</th><th scope="col">May</th><th scope="col">Made</th><th scope="col">Used</th><th
+        scope="col">State</th><th></th></tr></thead>
+      <tbody>${items.map(
+        (
+          key,
+        ) => html`<tr key=${key.id}><td>${key.name}</td><td>${key.scopes.join(", ")}</td><td>${day(key.created_at)}</td>
+          <td>${key.last_used_at ? ago(key.last_used_at) : "never"}</td>
         <td><${State} of=${key.revoked_at ? "closed" : "succeeded"} word=${key.revoked_at ? "revoked" : "alive"} /></td>
-        <td>${!key.revoked_at && html`<button class="danger" onClick=${() => setDoomed(key)}>Revoke</button>`}</td></tr>`)}</tbody></table></div>`}<//>
+        <td>${!key.revoked_at && html`<button class="danger" onClick=${() => setDoomed(key)}>Revoke</button>`}</td>
+          </tr>`,
+      )}</tbody></table></div>`}<//>
     <form class="filters" onSubmit=${make}><label>Name <input name="name" required maxlength="64" /></label>
-      ${["read", "submit", "admin"].map((scope) => html`<label class="row"><span>${scope}</span><input type="checkbox" name="scopes" value=${scope} checked=${scope !== "admin"} /></label>`)}<button>Make a key</button></form>
+      ${["read", "submit", "admin"].map((scope) => html`<label class="row"><span>${scope}</span><input type="checkbox"
+        name="scopes" value=${scope} checked=${scope !== "admin"} /></label>`)}<button>Make a key</button></form>
     <${ProblemBox} problem=${problem} />
     <${Secret} secret=${secret} onClose=${() => setSecret("")} />
-    <${Confirm} open=${doomed !== null} title="Revoke this key?" text=${`From now on "${doomed?.name}" opens nothing.`} yes="Revoke it" danger onClose=${() => setDoomed(null)}
+    <${Confirm} open=${doomed !== null} title="Revoke this key?" text=${`From now on "${doomed?.name}" opens nothing.`}
+      yes="Revoke it" danger onClose=${() => setDoomed(null)}
       work=${async () => {
         await remove(`/v1/keys/${doomed.id}`);
         state.reload();
@@ -52,7 +66,8 @@ function Keys() {
 }
 
 function Secret({ secret, onClose }) {
-  return html`<${Dialog} open=${secret !== ""} title="Keep this secret now" onClose=${onClose}><p>It is shown this once and cannot be read again.</p><p><code>${secret}</code></p>
+  return html`<${Dialog} open=${secret !== ""} title="Keep this secret now" onClose=${onClose}>
+    <p>It is shown this once and cannot be read again.</p><p><code>${secret}</code></p>
     <div class="buttons"><button class="main" onClick=${onClose}>I have it</button></div><//>`;
 }
 
@@ -70,12 +85,22 @@ function Webhooks() {
       setProblem(error);
     }
   };
-  const make = act(async (event) => setSecret((await post("/v1/webhooks", { url: new FormData(event.target).get("url") })).secret));
+  const make = act(async (event) =>
+    setSecret((await post("/v1/webhooks", { url: new FormData(event.target).get("url") })).secret),
+  );
   return html`<h2>Webhooks and e-mail</h2><${Loaded} state=${state}>${({ items }) => html`<div class="scroll"><table>
-      <thead><tr><th scope="col">Address</th><th scope="col">Is told</th><th scope="col">State</th><th></th></tr></thead>
-      <tbody>${items.map((hook) => html`<tr key=${hook.id}><td>${hook.url}</td><td>${hook.types.length ? hook.types.join(", ") : "everything"}</td>
+      <thead><tr><th scope="col">Address</th><th scope="col">Is told</th><th scope="col">State</th><th></th></tr>
+        </thead>
+      <tbody>${items.map(
+        (
+          hook,
+        ) => html`<tr key=${hook.id}><td>${hook.url}</td><td>${hook.types.length ? hook.types.join(", ") : "everything"}
+          </td>
         <td><${State} of=${hook.enabled ? "succeeded" : "closed"} word=${hook.enabled ? "on" : "off"} /></td>
-        <td><button onClick=${act(() => post(`/v1/webhooks/${hook.id}/test`))}>Test</button> <button class="danger" onClick=${act(() => remove(`/v1/webhooks/${hook.id}`))}>Delete</button></td></tr>`)}</tbody></table></div>`}<//>
-    <form class="filters" onSubmit=${make}><label>Address <input name="url" required placeholder="https://… or mailto:…" size="40" /></label><button>Tell this address</button></form>
+        <td><button onClick=${act(() => post(`/v1/webhooks/${hook.id}/test`))}>Test</button> <button class="danger"
+          onClick=${act(() => remove(`/v1/webhooks/${hook.id}`))}>Delete</button></td></tr>`,
+      )}</tbody></table></div>`}<//>
+    <form class="filters" onSubmit=${make}><label>Address <input name="url" required placeholder="https://… or mailto:…"
+      size="40" /></label><button>Tell this address</button></form>
     <${ProblemBox} problem=${problem} /><${Secret} secret=${secret} onClose=${() => setSecret("")} />`;
 }

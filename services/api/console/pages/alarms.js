@@ -14,7 +14,10 @@ import { Loaded, ProblemBox } from "../parts/problem.js";
 import { tell } from "../parts/told.js";
 import { pick } from "./scans.js";
 
-const KINDS = ["drift", "lost_mode", "scans_failing", "scan_missed"].map((value) => ({ value, text: value.replaceAll("_", " ") }));
+const KINDS = ["drift", "lost_mode", "scans_failing", "scan_missed"].map((value) => ({
+  value,
+  text: value.replaceAll("_", " "),
+}));
 const LOOK_MS = 3000;
 
 export default function Alarms({ query }) {
@@ -44,27 +47,45 @@ export function AlarmCard({ alarm, onChange }) {
     tell(said);
     onChange();
   };
-  const acknowledge = () => change({ state: "acknowledged", ...(note ? { note } : {}) }, "The alarm is acknowledged.").then(() => setProblem(null), setProblem);
+  const acknowledge = () =>
+    change({ state: "acknowledged", ...(note ? { note } : {}) }, "The alarm is acknowledged.").then(
+      () => setProblem(null),
+      setProblem,
+    );
   return html`<article class=${`card alarm ${alarm.severity} ${alarm.state}`} data-alarm=${alarm.id}>
     <div class="head"><h3><${State} of=${alarm.severity} /> ${alarm.title}</h3><${State} of=${alarm.state} /></div>
     <p>${alarm.what}</p>
-    <p class="small"><a href=${to(["plants", alarm.plant])}>${alarm.plant_name || alarm.plant}</a>${alarm.treatment ? ` (${alarm.treatment})` : ""} ·
-      ${" "}${[alarm.since && `since ${moment(alarm.since)}`, alarm.change_percent != null && `${number(alarm.change_percent, 2)} %${alarm.change_percent_std ? ` ± ${number(alarm.change_percent_std, 2)} %` : ""}`,
+    <p class="small"><a href=${to(["plants", alarm.plant])}>${alarm.plant_name || alarm.plant}</a>
+      ${alarm.treatment ? ` (${alarm.treatment})` : ""} ·
+      ${" "}${[
+        alarm.since && `since ${moment(alarm.since)}`,
+        alarm.change_percent != null &&
+          `${number(alarm.change_percent, 2)} %${alarm.change_percent_std ? ` ± ${number(alarm.change_percent_std, 2)} %` : ""}`,
         alarm.confidence != null && `${percent(alarm.confidence, 1)} sure`,
-        alarm.delay_scans != null && `seen after ${counted(alarm.delay_scans, "scan")}${alarm.delay_s ? ` (${duration(alarm.delay_s)})` : ""}`, `opened ${ago(alarm.opened_at)}`].filter(Boolean).join(" · ")}</p>
+        alarm.delay_scans != null &&
+          `seen after ${counted(alarm.delay_scans, "scan")}${alarm.delay_s ? ` (${duration(alarm.delay_s)})` : ""}`,
+        `opened ${ago(alarm.opened_at)}`,
+      ]
+        .filter(Boolean)
+        .join(" · ")}</p>
     ${alarm.note && html`<p class="small">Note: ${alarm.note}</p>`}
     <${ProblemBox} problem=${problem} />
-    ${alarm.state !== "closed" && html`<div class="filters">
-      <label>Note <input name="note" value=${note} maxlength="500" onInput=${(event) => setNote(event.target.value)} /></label>
+    ${
+      alarm.state !== "closed" &&
+      html`<div class="filters">
+      <label>Note <input name="note" value=${note} maxlength="500" onInput=${(event) => setNote(event.target.value)} />
+        </label>
       ${alarm.state === "open" && html`<button onClick=${acknowledge}>Acknowledge</button>`}
-      <button onClick=${() => setClosing(true)}>Close …</button></div>`}
+      <button onClick=${() => setClosing(true)}>Close …</button></div>`
+    }
     <${Close} open=${closing} note=${note} change=${change} onClose=${() => setClosing(false)} />
   </article>`;
 }
 
 function Close({ open, note, change, onClose }) {
   const [anew, setAnew] = useState(false);
-  const text = html`The alarm is closed for good. <label class="small"><input type="checkbox" name="new_reference" checked=${anew} onChange=${(event) => setAnew(event.target.checked)} />
+  const text = html`The alarm is closed for good. <label class="small"><input type="checkbox" name="new_reference"
+    checked=${anew} onChange=${(event) => setAnew(event.target.checked)} />
     the plant is another one from now on: begin f₀ and the charts anew here</label>`;
   return html`<${Confirm} open=${open} title="Close this alarm?" yes="Close it" text=${text} onClose=${onClose}
     work=${() => change({ state: "closed", new_reference: anew, ...(note ? { note } : {}) }, "The alarm is closed.")} />`;

@@ -30,7 +30,8 @@ export default function Fleet({ query }) {
     <div class="head"><h1>Plants</h1><${Live} state=${live} /></div>
     ${facets.value && html`<${Totals} facets=${facets.value} />`}
     <${Filters} query=${query} facets=${facets.value} />
-    <${Loaded} state=${page}>${(found) => html`<${Table} page=${found} sort=${query.get("sort") ?? "id"} /><${Pager} next=${found.next_cursor} />`}<//>
+    <${Loaded} state=${page}>${(found) => html`<${Table} page=${found} sort=${query.get("sort") ?? "id"} /><${Pager}
+      next=${found.next_cursor} />`}<//>
     <${Exports} query=${query} />
   `;
 }
@@ -40,11 +41,13 @@ function Totals({ facets }) {
   return html`<div class="numbers">
     <div><b>${facets.plants.toLocaleString()}</b> ${facets.plants === 1 ? "plant" : "plants"}</div>
     <div><b><a href=${to(["alarms"])}>${facets.alarms}</a></b> ${facets.alarms === 1 ? "alarm" : "alarms"}</div>
-    ${states.map(([state, count]) => html`<div><b>${count}</b> <${State} of=${state} word=${state === "none" ? "never scanned" : state} /></div>`)}
+    ${states.map(([state, count]) => html`<div><b>${count}</b> <${State} of=${state}
+      word=${state === "none" ? "never scanned" : state} /></div>`)}
   </div>`;
 }
 
-const optionsOf = (counts) => Object.entries(counts ?? {}).map(([value, count]) => ({ value, text: `${value} (${count})` }));
+const optionsOf = (counts) =>
+  Object.entries(counts ?? {}).map(([value, count]) => ({ value, text: `${value} (${count})` }));
 
 function Filters({ query, facets }) {
   return html`<div class="filters" role="search">
@@ -52,8 +55,12 @@ function Filters({ query, facets }) {
     <${Choice} label="Treatment" name="treatment" query=${query} options=${optionsOf(facets?.treatments)} />
     <${Choice} label="Tag" name="tag" query=${query} options=${optionsOf(facets?.tags)} />
     <${Choice} label="Last scan" name="state" query=${query} options=${optionsOf(facets?.states)} />
-    <${Choice} label="Alarms" name="alarm" query=${query} options=${[{ value: "true", text: "with alarms" }, { value: "false", text: "without" }]} />
-    ${Object.keys(facets?.studies ?? {}).length > 1 && html`<${Choice} label="Study" name="study" query=${query} options=${optionsOf(facets.studies)} />`}
+    <${Choice} label="Alarms" name="alarm" query=${query} options=${[
+      { value: "true", text: "with alarms" },
+      { value: "false", text: "without" },
+    ]} />
+    ${Object.keys(facets?.studies ?? {}).length > 1 && html`<${Choice} label="Study" name="study" query=${query}
+      options=${optionsOf(facets.studies)} />`}
   </div>`;
 }
 
@@ -68,10 +75,12 @@ const COLUMNS = [
 ];
 
 function Table({ page, sort }) {
-  if (!page.items.length) return html`<p class="wait">No plant here. A scan whose specification names a plant makes one.</p>`;
+  if (!page.items.length)
+    return html`<p class="wait">No plant here. A scan whose specification names a plant makes one.</p>`;
   return html`<div class="scroll"><table class="plants">
     <caption class="hidden-label">${counted(page.items.length, "plant")} on this page</caption>
-    <thead><tr>${COLUMNS.map(([key, label]) => html`<${Heading} name=${key} label=${label} sort=${sort} />`)}</tr></thead>
+    <thead><tr>${COLUMNS.map(([key, label]) => html`<${Heading} name=${key} label=${label} sort=${sort} />`)}</tr>
+      </thead>
     <tbody>${page.items.map((plant) => html`<${Row} key=${plant.id} plant=${plant} />`)}</tbody>
   </table></div>`;
 }
@@ -82,22 +91,31 @@ function Heading({ name, label, sort }) {
   const up = sort === name;
   const down = sort === `-${name}`;
   const turn = () => requery({ sort: up ? `-${name}` : name, cursor: "", trail: "" });
-  return html`<th scope="col" aria-sort=${up ? "ascending" : down ? "descending" : "none"}><button onClick=${turn}>${label} <span aria-hidden="true">${up ? "↑" : down ? "↓" : ""}</span></button></th>`;
+  return html`<th scope="col" aria-sort=${up ? "ascending" : down ? "descending" : "none"}><button onClick=${turn}>
+    ${label} <span aria-hidden="true">${up ? "↑" : down ? "↓" : ""}</span></button></th>`;
 }
 
 function Row({ plant }) {
   const more = plant.frequencies.length - MOST_FREQUENCIES;
   const open = (event) => event.target.closest("a") || go(to(["plants", plant.id]));
   return html`<tr onClick=${open} data-plant=${plant.id}>
-    <td><a href=${to(["plants", plant.id])}>${plant.name || plant.id}</a><br /><span class="small">${[plant.name && plant.id, plant.position].filter(Boolean).join(" · ")}</span></td>
+    <td><a href=${to(["plants", plant.id])}>${plant.name || plant.id}</a><br /><span class="small">
+      ${[plant.name && plant.id, plant.position].filter(Boolean).join(" · ")}</span></td>
     <td>${plant.treatment} ${plant.tags.map((tag) => html`<span class="tag">${tag}</span>`)}</td>
-    <td>${plant.last_scan
-      ? html`<a href=${to(["scans", plant.last_scan.id])}><${State} of=${plant.last_scan.status} /></a><br /><time class="small" datetime=${plant.last_scan.at} title=${moment(plant.last_scan.at)}>${ago(plant.last_scan.at)}</time>`
-      : html`<span class="soft">never scanned</span>`}</td>
-    <td>${plant.frequencies.slice(0, MOST_FREQUENCIES).map((one) => html`<span class=${one.doubtful ? "soft" : ""} title=${one.name}>${number(one.frequency_hz, 4)}${one.doubtful ? "?" : ""}</span> `)}${more > 0 ? html`<span class="small">+${more}</span>` : ""}</td>
+    <td>${
+      plant.last_scan
+        ? html`<a href=${to(["scans", plant.last_scan.id])}><${State} of=${plant.last_scan.status} /></a><br /><time
+          class="small" datetime=${plant.last_scan.at} title=${moment(plant.last_scan.at)}>${ago(plant.last_scan.at)}
+          </time>`
+        : html`<span class="soft">never scanned</span>`
+    }</td>
+    <td>${plant.frequencies.slice(0, MOST_FREQUENCIES).map((one) => html`<span class=${one.doubtful ? "soft" : ""}
+      title=${one.name}>${number(one.frequency_hz, 4)}${one.doubtful ? "?" : ""}</span> `)}${more > 0 ? html`<span
+      class="small">+${more}</span>` : ""}</td>
     <td class="number">${plant.ratio == null ? "–" : percent(plant.ratio, 1)}</td>
     <td><${Spark} points=${plant.spark} label=${sparkWords(plant)} /></td>
-    <td>${plant.alarms ? html`<a href=${to(["alarms"], { plant: plant.id })}><${State} of=${plant.worst ?? "open"} word=${`${plant.alarms} ${plant.worst ?? ""}`} /></a>` : ""}
+    <td>${plant.alarms ? html`<a href=${to(["alarms"], { plant: plant.id })}><${State} of=${plant.worst ?? "open"}
+      word=${`${plant.alarms} ${plant.worst ?? ""}`} /></a>` : ""}
       ${plant.missed_scans ? html`<br /><${State} of="missed" word=${`${plant.missed_scans} missed`} />` : ""}</td>
   </tr>`;
 }
@@ -112,7 +130,9 @@ export function Exports({ query, plant }) {
   const words = (more) => new URLSearchParams(Object.entries({ ...more, ...chosen }).filter(([, value]) => value));
   const save = (format) => download(`/v1/exports/observations?${words({ format })}`, `observations.${format}`);
   return html`<section aria-label="Export"><h2>Export</h2><div class="buttons">
-    <button onClick=${() => save("csv")}>Observations (.csv)</button><button onClick=${() => save("parquet")}>Observations (.parquet)</button>
-    ${!plant && html`<button onClick=${() => download(`/v1/exports/ro-crate?${words({})}`, "ro-crate.zip")}>Everything as RO-Crate (.zip)</button>`}
+    <button onClick=${() => save("csv")}>Observations (.csv)</button><button
+      onClick=${() => save("parquet")}>Observations (.parquet)</button>
+    ${!plant && html`<button
+      onClick=${() => download(`/v1/exports/ro-crate?${words({})}`, "ro-crate.zip")}>Everything as RO-Crate (.zip)</button>`}
   </div><p class="small">One row for each plant, scan, track and trait, ready for a mixed model.</p></section>`;
 }

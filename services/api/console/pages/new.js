@@ -37,7 +37,10 @@ function Editor({ schema, presets, parent, plant }) {
   const [answer, setAnswer] = useState(undefined);
   const [busy, setBusy] = useState(false);
   const key = useMemo(() => crypto.randomUUID?.() ?? String(Math.random()), [spec]);
-  const complaints = useMemo(() => Object.fromEntries((problem?.errors ?? []).map((one) => [one.pointer, `${one.detail} ${one.hint ?? ""}`])), [problem]);
+  const complaints = useMemo(
+    () => Object.fromEntries((problem?.errors ?? []).map((one) => [one.pointer, `${one.detail} ${one.hint ?? ""}`])),
+    [problem],
+  );
   const take = (next) => {
     setSpec(next);
     setAnswer(undefined);
@@ -60,7 +63,9 @@ function Editor({ schema, presets, parent, plant }) {
   const check = run(async () => setAnswer(await askPreflight(spec)));
   const submit = run(async () => {
     const headers = { "Idempotency-Key": key };
-    const scan = await (parent ? post(`/v1/scans/${parent.id}/fork`, patch, headers) : post("/v1/scans", spec, headers));
+    const scan = await (parent
+      ? post(`/v1/scans/${parent.id}/fork`, patch, headers)
+      : post("/v1/scans", spec, headers));
     tell("The scan is submitted.");
     go(to(["scans", scan.id]));
   });
@@ -69,11 +74,16 @@ function Editor({ schema, presets, parent, plant }) {
     tell(`The files are there: ${counted(capture.files, "file")}.`);
   };
   return html`
-    ${parent
-      ? html`<p>What stays as it is in <a href=${to(["scans", parent.id])}>${parent.name}</a> is taken over, not computed.</p>`
-      : html`<${Presets} presets=${presets} onTake=${(one) => take({ ...one, plant: spec.plant })} /><${Uploader} onCapture=${onCapture} />`}
+    ${
+      parent
+        ? html`<p>What stays as it is in <a href=${to(["scans", parent.id])}>${parent.name}
+          </a> is taken over, not computed.</p>`
+        : html`<${Presets} presets=${presets} onTake=${(one) => take({ ...one, plant: spec.plant })} /><${Uploader}
+          onCapture=${onCapture} />`
+    }
     <form onSubmit=${submit} novalidate>
-      <${Form} schema=${schema} value=${spec} complaints=${complaints} onChange=${(path, value) => take(changed(spec, path, value))} />
+      <${Form} schema=${schema} value=${spec} complaints=${complaints}
+        onChange=${(path, value) => take(changed(spec, path, value))} />
       <${Text} spec=${spec} onSpec=${take} />
       ${parent && html`<p class="small">Changes: <code>${JSON.stringify(patch)}</code></p>`}
       <${ProblemBox} problem=${problem} />
@@ -104,6 +114,7 @@ function Text({ spec, onSpec }) {
     }
   };
   return html`<details><summary>As JSON</summary>
-    <textarea class="spec" name="spec" aria-label="The specification as JSON" value=${JSON.stringify(spec, null, 2)} onChange=${onChange} spellcheck="false"></textarea>
+    <textarea class="spec" name="spec" aria-label="The specification as JSON" value=${JSON.stringify(spec, null, 2)}
+      onChange=${onChange} spellcheck="false"></textarea>
     ${wrong && html`<p class="wrong" role="alert">${wrong}</p>`}</details>`;
 }

@@ -11,7 +11,13 @@ import { marksOf, seconds } from "./plant_history.js";
 
 const KINDS = ["watering", "treatment", "note", "repotting", "pruning", "harvest", "other"];
 const FEW = 120; // points; beyond them a line alone
-const UNITS = { temperature_c: "Temperature (°C)", humidity_percent: "Humidity (%)", light_umol_m2_s: "Light (µmol/m²/s)", soil_water_percent: "Soil water (%)", mass_g: "Mass (g)" };
+const UNITS = {
+  temperature_c: "Temperature (°C)",
+  humidity_percent: "Humidity (%)",
+  light_umol_m2_s: "Light (µmol/m²/s)",
+  soil_water_percent: "Soil water (%)",
+  mass_g: "Mass (g)",
+};
 
 export function Environment({ story, path, onChange }) {
   const { environment } = story;
@@ -19,7 +25,8 @@ export function Environment({ story, path, onChange }) {
   const x = environment.at.map(seconds);
   return html`
     ${environment.columns.length === 0 && html`<p class="wait">Nothing of the environment was sent yet.</p>`}
-    <div class="two">${environment.columns.map((column, k) => html`<${Column} key=${column} name=${column} hue=${HUES[k % HUES.length]} x=${x} values=${environment.values[column]} marks=${marks} />`)}</div>
+    <div class="two">${environment.columns.map((column, k) => html`<${Column} key=${column} name=${column}
+      hue=${HUES[k % HUES.length]} x=${x} values=${environment.values[column]} marks=${marks} />`)}</div>
     <${NewEvent} path=${path} onChange=${onChange} />
     <${Records} path=${path} onChange=${onChange} />`;
 }
@@ -27,8 +34,10 @@ export function Environment({ story, path, onChange }) {
 /** One column where it was measured: columns have instants of their own. */
 function Column({ name, hue, x, values, marks }) {
   const known = values.map((value, k) => k).filter((k) => values[k] !== null);
-  return html`<${Chart} title=${UNITS[name] ?? labelOf(name)} x=${known.map((k) => x[k])} time xLabel="" yLabel=${UNITS[name] ?? name}
-    height=${180} marks=${marks} series=${[{ label: name, y: known.map((k) => values[k]), hue, points: known.length < FEW, size: 4 }]} />`;
+  return html`<${Chart} title=${UNITS[name] ?? labelOf(name)} x=${known.map((k) => x[k])} time xLabel=""
+    yLabel=${UNITS[name] ?? name}
+    height=${180} marks=${marks}
+      series=${[{ label: name, y: known.map((k) => values[k]), hue, points: known.length < FEW, size: 4 }]} />`;
 }
 
 function NewEvent({ path, onChange }) {
@@ -53,8 +62,10 @@ function NewEvent({ path, onChange }) {
   return html`<h2>Write an event down</h2><form class="filters" onSubmit=${onSubmit}>
     <label>What <select name="kind">${KINDS.map((kind) => html`<option>${kind}</option>`)}</select></label>
     <label>When <input type="datetime-local" name="at" /></label>
-    <label>How much <input type="number" step="any" min="0" name="amount" /></label><label>Unit <input name="unit" placeholder="ml" maxlength="16" /></label>
-    <label>Note <input name="note" maxlength="500" /></label><button>Write down</button></form><${ProblemBox} problem=${problem} />`;
+    <label>How much <input type="number" step="any" min="0" name="amount" /></label><label>Unit <input name="unit"
+      placeholder="ml" maxlength="16" /></label>
+    <label>Note <input name="note" maxlength="500" /></label><button>Write down</button></form><${ProblemBox}
+      problem=${problem} />`;
 }
 
 function Records({ path, onChange }) {
@@ -70,8 +81,10 @@ function Records({ path, onChange }) {
       setProblem(error);
     }
   };
-  return html`<h2>Add measurements</h2><p class="small">A CSV file with a header: <code>at,temperature_c,humidity_percent,light_umol_m2_s,soil_water_percent,mass_g</code> and any other column of numbers.</p>
-    <label class="button">CSV file <input type="file" accept=".csv,text/csv" onChange=${onFile} /></label><${ProblemBox} problem=${problem} />`;
+  return html`<h2>Add measurements</h2><p
+    class="small">A CSV file with a header: <code>at,temperature_c,humidity_percent,light_umol_m2_s,soil_water_percent,mass_g</code> and any other column of numbers.</p>
+    <label class="button">CSV file <input type="file" accept=".csv,text/csv" onChange=${onFile} /></label><${ProblemBox}
+      problem=${problem} />`;
 }
 
 async function sendText(path, text) {

@@ -26,16 +26,25 @@ export function Tracks({ story, query, onChange }) {
   return html`
     <${ProblemBox} problem=${problem} />
     <div class="scroll"><table>
-      <thead><tr><th scope="col">Track</th><th scope="col">State</th><th scope="col" class="number">Frequency (Hz)</th><th scope="col" class="number">f₀ (Hz)</th>
-        <th scope="col" class="number">f/f₀</th><th scope="col" class="number">Scans</th><th scope="col" class="number">Missed</th><th scope="col" class="number">Doubtful</th><th scope="col">Seen</th></tr></thead>
-      <tbody>${story.tracks.map((one) => html`<tr key=${one.id} aria-selected=${one === chosen}>
-        <td><button class="plain" aria-pressed=${one === chosen} onClick=${() => requery({ track: one === chosen ? "" : one.id })}>${one.name}</button>${one.by_hand ? html` <span class="tag">by hand</span>` : ""}</td>
+      <thead><tr><th scope="col">Track</th><th scope="col">State</th><th scope="col" class="number">Frequency (Hz)</th>
+        <th scope="col" class="number">f₀ (Hz)</th>
+        <th scope="col" class="number">f/f₀</th><th scope="col" class="number">Scans</th><th scope="col"
+          class="number">Missed</th><th scope="col" class="number">Doubtful</th><th scope="col">Seen</th></tr></thead>
+      <tbody>${story.tracks.map(
+        (one) => html`<tr key=${one.id} aria-selected=${one === chosen}>
+        <td><button class="plain" aria-pressed=${one === chosen}
+          onClick=${() => requery({ track: one === chosen ? "" : one.id })}>${one.name}</button>
+          ${one.by_hand ? html` <span class="tag">by hand</span>` : ""}</td>
         <td><${State} of=${one.state === "active" ? "running" : "closed"} word=${one.state} /></td>
-        <td class="number">${measured(one.frequency_hz, one.frequency_std_hz)}</td><td class="number">${measured(one.reference_hz, one.reference_std_hz)}</td>
-        <td class="number">${one.ratio == null ? "–" : percent(one.ratio, 1)}</td><td class="number">${one.scans}</td><td class="number">${one.missed}</td><td class="number">${one.doubtful_links || ""}</td>
-        <td>${day(one.born_at)} to ${day(one.last_seen_at)}</td></tr>`)}</tbody>
+        <td class="number">${measured(one.frequency_hz, one.frequency_std_hz)}</td><td class="number">
+          ${measured(one.reference_hz, one.reference_std_hz)}</td>
+        <td class="number">${one.ratio == null ? "–" : percent(one.ratio, 1)}</td><td class="number">${one.scans}</td>
+          <td class="number">${one.missed}</td><td class="number">${one.doubtful_links || ""}</td>
+        <td>${day(one.born_at)} to ${day(one.last_seen_at)}</td></tr>`,
+      )}</tbody>
     </table></div>
-    ${chosen && html`<${Correct} key=${chosen.id} track=${chosen} others=${story.tracks.filter((one) => one !== chosen)} correct=${correct} />`}`;
+    ${chosen && html`<${Correct} key=${chosen.id} track=${chosen} others=${story.tracks.filter((one) => one !== chosen)}
+      correct=${correct} />`}`;
 }
 
 function Correct({ track, others, correct }) {
@@ -47,14 +56,26 @@ function Correct({ track, others, correct }) {
   };
   return html`<section class="card" aria-label=${`Correct ${track.name}`}>
     <h2>Correct ${track.name}</h2>
-    <form class="filters" onSubmit=${rename}><label>Name <input name="track-name" value=${name} maxlength="64" onInput=${(event) => setName(event.target.value)} /></label><button>Rename</button>
-      <label>The same as <select name="merge" value=${into} onChange=${(event) => setInto(event.target.value)}><option value="">choose a track</option>${others.map((one) => html`<option value=${one.id}>${one.name}</option>`)}</select></label>
-      <button type="button" disabled=${!into} onClick=${() => correct(track, { merge_into: into }, "The tracks are one.")}>Join</button>
-      ${track.by_hand && html`<button type="button" onClick=${() => correct(track, { release: true }, "What was done by hand is forgotten.")}>Forget what was done by hand</button>`}
+    <form class="filters" onSubmit=${rename}><label>Name <input name="track-name" value=${name} maxlength="64"
+      onInput=${(event) => setName(event.target.value)} /></label><button>Rename</button>
+      <label>The same as <select name="merge" value=${into} onChange=${(event) => setInto(event.target.value)}><option
+        value="">choose a track</option>${others.map((one) => html`<option value=${one.id}>${one.name}</option>`)}
+        </select></label>
+      <button type="button" disabled=${!into}
+        onClick=${() => correct(track, { merge_into: into }, "The tracks are one.")}>Join</button>
+      ${track.by_hand && html`<button type="button"
+        onClick=${() => correct(track, { release: true }, "What was done by hand is forgotten.")}>Forget what was done by hand</button>`}
     </form>
     <div class="scroll files"><table>
-      <thead><tr><th scope="col">Scan</th><th scope="col" class="number">Frequency (Hz)</th><th scope="col" class="number">MAC</th><th scope="col">Link</th><th scope="col">Put right</th></tr></thead>
-      <tbody>${track.points.scan.map((scan, k) => ({ scan, k })).reverse().map(({ scan, k }) => html`<${Link} key=${scan} track=${track} scan=${scan} k=${k} others=${others} correct=${correct} />`)}</tbody>
+      <thead><tr><th scope="col">Scan</th><th scope="col" class="number">Frequency (Hz)</th><th scope="col"
+        class="number">MAC</th><th scope="col">Link</th><th scope="col">Put right</th></tr></thead>
+      <tbody>${track.points.scan
+        .map((scan, k) => ({ scan, k }))
+        .reverse()
+        .map(
+          ({ scan, k }) =>
+            html`<${Link} key=${scan} track=${track} scan=${scan} k=${k} others=${others} correct=${correct} />`,
+        )}</tbody>
     </table></div></section>`;
 }
 
@@ -72,9 +93,11 @@ function Link({ track, scan, k, others, correct }) {
     <td class="number">${measured(points.frequency_hz[k], points.frequency_std_hz[k])}</td>
     <td class="number">${number(points.mac[k], 3)}</td>
     <td><${State} of=${LINKS[points.link[k]] ?? "none"} word=${points.link[k]} /></td>
-    <td>${points.link[k] === "doubtful" && html`<button onClick=${() => correct(track, { confirm: { scan } }, "The link is confirmed.")}>It is right</button> `}
+    <td>${points.link[k] === "doubtful" && html`<button
+      onClick=${() => correct(track, { confirm: { scan } }, "The link is confirmed.")}>It is right</button> `}
       ${k > 0 && html`<button onClick=${() => correct(track, { split_at: { scan } }, "The track is split.")}>Another mode from here</button> `}
       <label class="hidden-label" for=${`move-${scan}`}>Move this mode</label>
-      <select id=${`move-${scan}`} onChange=${move}><option value="" selected>move to …</option><option value="new">a new track</option><option value="none">no track</option>
+      <select id=${`move-${scan}`} onChange=${move}><option value="" selected>move to …</option><option
+        value="new">a new track</option><option value="none">no track</option>
         ${others.map((one) => html`<option value=${one.id}>${one.name}</option>`)}</select></td></tr>`;
 }

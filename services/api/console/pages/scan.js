@@ -60,16 +60,22 @@ function View({ scan, live, ticks, part, query, onChange }) {
     </div>
     <p class="small">
       ${scan.plant && html`plant <a href=${to(["plants", scan.plant])}>${scan.plant}</a> · `}
-      ${scan.source} · submitted <time datetime=${scan.created_at} title=${moment(scan.created_at)}>${ago(scan.created_at)}</time>
+      ${scan.source} · submitted <time datetime=${scan.created_at} title=${moment(scan.created_at)}>
+        ${ago(scan.created_at)}</time>
       ${scan.finished_at && scan.started_at && html` · took ${duration((new Date(scan.finished_at) - new Date(scan.started_at)) / 1000)}`}
       ${scan.generation > 0 && html` · run ${scan.generation + 1} times`}
       ${" "}${scan.tags.map((tag) => html`<span class="tag">${tag}</span>`)}
     </p>
-    ${going && html`<p><${Bar} fraction=${done} label="Progress of the scan" />
-      <span class="small">${percent(done)} done${scan.eta_s != null ? `, about ${duration(scan.eta_s)} left` : ""}</span></p>`}
+    ${
+      going &&
+      html`<p><${Bar} fraction=${done} label="Progress of the scan" />
+      <span class="small">${percent(done)} done${scan.eta_s != null ? `, about ${duration(scan.eta_s)} left` : ""}
+        </span></p>`
+    }
     ${scan.error && html`<${Failure} error=${scan.error} />`}
     <${Actions} scan=${scan} onChange=${onChange} />
-    <${Tabs} label="Parts of the scan" current=${part} tabs=${Object.entries(PARTS).map(([key, one]) => [key, one.label, to(["scans", scan.id, key])])} />
+    <${Tabs} label="Parts of the scan" current=${part}
+      tabs=${Object.entries(PARTS).map(([key, one]) => [key, one.label, to(["scans", scan.id, key])])} />
     <${Part} key=${part} name=${part} scan=${scan} ticks=${ticks} query=${query} />
   `;
 }

@@ -24,10 +24,13 @@ export function Actions({ scan, onChange }) {
   const now = (path, said) => () => act(path, said)().then(() => setProblem(null), setProblem);
   return html`
     <div class="buttons">
-      ${!ended && scan.state !== "paused" && html`<button onClick=${now("pause", "No more steps are begun; what computes goes on.")}>Pause</button>`}
-      ${scan.state === "paused" && html`<button class="main" onClick=${now("resume", "The scan goes on.")}>Resume</button>`}
+      ${!ended && scan.state !== "paused" && html`<button
+        onClick=${now("pause", "No more steps are begun; what computes goes on.")}>Pause</button>`}
+      ${scan.state === "paused" && html`<button class="main"
+        onClick=${now("resume", "The scan goes on.")}>Resume</button>`}
       ${!ended && html`<button class="danger" onClick=${() => setAsking("cancel")}>Cancel</button>`}
-      ${ended && scan.status !== "succeeded" && html`<button class="main" onClick=${now("retry", "What had not succeeded runs again.")}>Retry what failed</button>`}
+      ${ended && scan.status !== "succeeded" && html`<button class="main"
+        onClick=${now("retry", "What had not succeeded runs again.")}>Retry what failed</button>`}
       ${ended && html`<button onClick=${() => setAsking("retry")}>Run again from a step …</button>`}
       <button onClick=${() => go(to(["new"], { fork: scan.id }))}>Fork with changes …</button>
       ${ended && html`<button class="danger" onClick=${() => setAsking("delete")}>Delete</button>`}
@@ -58,6 +61,7 @@ function RetryFrom({ open, scan, act, onClose }) {
       ${kinds.map((kind) => html`<option value=${kind} selected=${kind === from}>${stepName(kind)}</option>`)}
     </select></label>
     <${ProblemBox} problem=${problem} />
-    <div class="buttons"><button onClick=${onClose}>No, go back</button><button class="main" onClick=${run}>Run again</button></div>
+    <div class="buttons"><button onClick=${onClose}>No, go back</button><button class="main"
+      onClick=${run}>Run again</button></div>
   <//>`;
 }

@@ -29,9 +29,12 @@ export function Cloud({ scan, ticks }) {
     <${ProblemBox} problem=${said.problem} />
     ${said.missing && html`<p class="wait" role="status">${missing(scan, frame)}</p>`}
     <${Space} cloud=${cloud} label=${`Point cloud of frame ${frame}`} />
-    ${cloud && html`<p class="small">${cloud.count.toLocaleString()} of ${cloud.total.toLocaleString()} points. Drag turns, the wheel zooms, the right button moves.</p>`}
+    ${cloud && html`<p class="small">
+      ${cloud.count.toLocaleString()} of ${cloud.total.toLocaleString()} points. Drag turns, the wheel zooms, the right button moves.</p>`}
   `;
 }
 
 const missing = (scan, frame) =>
-  scan.source === "clouds" ? "This scan began with point clouds; they stay where they were sent from." : `The cloud of frame ${frame} is not made yet.`;
+  scan.source === "clouds"
+    ? "This scan began with point clouds; they stay where they were sent from."
+    : `The cloud of frame ${frame} is not made yet.`;

@@ -29,17 +29,24 @@ export function Files({ scan, ticks }) {
   return html`<${ProblemBox} problem=${problem} /><${Loaded} state=${state}>${({ items }) => {
     const found = items.filter((file) => file.name.includes(text));
     return html`
-      ${items.some((file) => file.name === "report.html") && !apiKey() && html`<p><a href=${fileAddress(scan.id, "report.html")} target="_blank" rel="noopener">Open the report</a></p>`}
-      <div class="filters"><label>Name <input type="search" value=${text} onInput=${(event) => setText(event.target.value)} /></label>
-        <span class="small">${counted(found.length, "file")}, ${bytes(found.reduce((sum, file) => sum + file.size, 0))}</span></div>
+      ${items.some((file) => file.name === "report.html") && !apiKey() && html`<p><a
+        href=${fileAddress(scan.id, "report.html")} target="_blank" rel="noopener">Open the report</a></p>`}
+      <div class="filters"><label>Name <input type="search" value=${text}
+        onInput=${(event) => setText(event.target.value)} /></label>
+        <span class="small">${counted(found.length, "file")}, ${bytes(found.reduce((sum, file) => sum + file.size, 0))}
+          </span></div>
       <div class="scroll"><table>
-        <thead><tr><th scope="col">File</th><th scope="col">What</th><th scope="col" class="number">Size</th></tr></thead>
-        <tbody>${found.slice(0, SHOWN).map((file) => html`<tr key=${file.name}>
+        <thead><tr><th scope="col">File</th><th scope="col">What</th><th scope="col" class="number">Size</th></tr>
+          </thead>
+        <tbody>${found.slice(0, SHOWN).map(
+          (file) => html`<tr key=${file.name}>
           <td><button class="plain" onClick=${() => save(file.name)}>${file.name}</button></td>
-          <td class="soft">${WHAT[file.name] ?? file.media_type}</td><td class="number">${bytes(file.size)}</td></tr>`)}</tbody>
+          <td class="soft">${WHAT[file.name] ?? file.media_type}</td><td class="number">${bytes(file.size)}</td></tr>`,
+        )}</tbody>
       </table></div>
       ${found.length > SHOWN && html`<p class="small">The first ${SHOWN} of ${found.length}.</p>`}`;
   }}<//>`;
 }
 
-export const fileAddress = (id, name) => `/v1/scans/${id}/artifacts/${name.split("/").map(encodeURIComponent).join("/")}`;
+export const fileAddress = (id, name) =>
+  `/v1/scans/${id}/artifacts/${name.split("/").map(encodeURIComponent).join("/")}`;

@@ -22,7 +22,8 @@ export function FrameSlider({ frames, frame, onFrame, time }) {
   return html`<div class="controls">
     <button aria-pressed=${playing} onClick=${() => setPlaying(!playing)}>${playing ? "■ Stop" : "▶ Play"}</button>
     <label class="grow">Frame ${frame} of ${frames}${time != null ? `, ${number(time)} s` : ""}
-      <input type="range" name="frame" min="0" max=${frames - 1} value=${frame} onInput=${(event) => onFrame(Number(event.target.value))} />
+      <input type="range" name="frame" min="0" max=${frames - 1} value=${frame}
+        onInput=${(event) => onFrame(Number(event.target.value))} />
     </label>
   </div>`;
 }

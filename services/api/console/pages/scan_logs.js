@@ -25,14 +25,21 @@ export function Logs({ scan, ticks }) {
   }, [scan.id, ticks, scan.progress]);
   useEffect(() => {
     const log = box.current;
-    if (log && log.scrollHeight - log.scrollTop - log.clientHeight < NEAR_END_PX + 20 * 22) log.scrollTop = log.scrollHeight;
+    if (log && log.scrollHeight - log.scrollTop - log.clientHeight < NEAR_END_PX + 20 * 22)
+      log.scrollTop = log.scrollHeight;
   }, [lines]);
   return html`
     <${ProblemBox} problem=${problem} />
-    ${lines.length === 0
-      ? html`<p class="wait">Nothing was written yet.</p>`
-      : html`<pre class="log" ref=${box} tabindex="0" role="log" aria-label="What the steps wrote">${lines.map((line) => html`
-          <div key=${line.id}><span class="at">${clock(line.at)} ${stepName(line.step)}${line.frame >= 0 ? ` ${line.frame}` : ""}</span> <span class=${line.level}>${line.text}</span></div>`)}</pre>`}
+    ${
+      lines.length === 0
+        ? html`<p class="wait">Nothing was written yet.</p>`
+        : html`<pre class="log" ref=${box} tabindex="0" role="log" aria-label="What the steps wrote">${lines.map(
+            (line) => html`
+          <div key=${line.id}><span class="at">
+            ${clock(line.at)} ${stepName(line.step)}${line.frame >= 0 ? ` ${line.frame}` : ""}</span> <span
+            class=${line.level}>${line.text}</span></div>`,
+          )}</pre>`
+    }
   `;
 }
 

@@ -15,17 +15,23 @@ export function Steps({ scan, ticks }) {
     <caption class="hidden-label">Steps of the scan</caption>
     <thead><tr><th scope="col">Step</th><th scope="col">Progress</th><th scope="col" class="number">Done</th>
       <th scope="col" class="number">Running</th><th scope="col" class="number">Failed</th><th></th></tr></thead>
-    <tbody>${scan.progress.map((row) => html`
+    <tbody>${scan.progress.map(
+      (row) => html`
       <tr key=${row.step} data-step=${row.step}>
         <th scope="row">${stepName(row.step)}</th>
-        <td class="bar"><${Bar} fraction=${row.fraction} label=${stepName(row.step)} /> <span class="small">${percent(row.fraction)}</span></td>
+        <td class="bar"><${Bar} fraction=${row.fraction} label=${stepName(row.step)} /> <span class="small">
+          ${percent(row.fraction)}</span></td>
         <td class="number">${row.done} / ${row.total}</td>
         <td class="number">${row.running || ""}</td>
         <td class="number">${row.failed ? html`<${State} of="failed" word=${row.failed} />` : ""}</td>
-        <td><button class="plain" aria-expanded=${open === row.step} onClick=${() => setOpen(open === row.step ? "" : row.step)}>
-          ${open === row.step ? "close" : "details"}<span class="hidden-label"> of ${stepName(row.step)}</span></button></td>
+        <td><button class="plain" aria-expanded=${open === row.step}
+          onClick=${() => setOpen(open === row.step ? "" : row.step)}>
+          ${open === row.step ? "close" : "details"}<span class="hidden-label"> of ${stepName(row.step)}</span></button>
+            </td>
       </tr>
-      ${open === row.step && html`<tr><td colspan="6"><${Single} scan=${scan} kind=${row.step} ticks=${ticks} /></td></tr>`}`)}
+      ${open === row.step && html`<tr><td colspan="6"><${Single} scan=${scan} kind=${row.step} ticks=${ticks} /></td>
+        </tr>`}`,
+    )}
     </tbody>
   </table></div>`;
 }
@@ -33,20 +39,28 @@ export function Steps({ scan, ticks }) {
 function Single({ scan, kind, ticks }) {
   const [onlyFailed, setOnlyFailed] = useState(false);
   const asked = { step: kind, limit: 100, ...(onlyFailed ? { state: "failed" } : {}) };
-  const state = useLoad((signal) => get(`/v1/scans/${scan.id}/steps`, asked, signal), [kind, onlyFailed, scan.generation], [ticks]);
+  const state = useLoad(
+    (signal) => get(`/v1/scans/${scan.id}/steps`, asked, signal),
+    [kind, onlyFailed, scan.generation],
+    [ticks],
+  );
   return html`
-    <label class="small"><input type="checkbox" checked=${onlyFailed} onChange=${(event) => setOnlyFailed(event.target.checked)} /> failed only</label>
+    <label class="small"><input type="checkbox" checked=${onlyFailed}
+      onChange=${(event) => setOnlyFailed(event.target.checked)} /> failed only</label>
     <${Loaded} state=${state}>${(page) => html`
       <div class="scroll"><table>
         <thead><tr><th scope="col">Frame</th><th scope="col">State</th><th scope="col" class="number">Attempt</th>
           <th scope="col" class="number">Took</th><th scope="col">What it says</th></tr></thead>
-        <tbody>${page.items.map((step) => html`<tr key=${step.id}>
+        <tbody>${page.items.map(
+          (step) => html`<tr key=${step.id}>
           <td>${step.frame < 0 ? "whole scan" : step.frame}</td>
           <td><${State} of=${step.state} /></td>
           <td class="number">${step.attempt || ""}</td>
           <td class="number">${took(step)}</td>
-          <td>${step.error ? html`<strong>${step.error.message}</strong> ${step.error.hint} <code>${step.error.code}</code>` : said(step)}</td>
-        </tr>`)}</tbody>
+          <td>${step.error ? html`<strong>${step.error.message}</strong> ${step.error.hint} <code>${step.error.code}
+            </code>` : said(step)}</td>
+        </tr>`,
+        )}</tbody>
       </table></div>
       ${page.next_cursor && html`<p class="small">The first 100 of them.</p>`}`}
     <//>`;
@@ -58,5 +72,7 @@ const took = (step) =>
 function said(step) {
   if (step.state === "running") return `${step.done} of ${step.total || "?"} ${step.message}`;
   const facts = Object.entries(step.facts ?? {}).filter(([, value]) => typeof value !== "object");
-  return facts.map(([key, value]) => `${key.replaceAll("_", " ")} ${typeof value === "number" ? number(value) : value}`).join(", ");
+  return facts
+    .map(([key, value]) => `${key.replaceAll("_", " ")} ${typeof value === "number" ? number(value) : value}`)
+    .join(", ");
 }

@@ -29,9 +29,15 @@ export async function fetchTruth(scan, signal) {
 
 /** True mode by "organ k" of the found one, each used once, the nearest pairs first; and what was not found. */
 export function pairs(truth, organs) {
-  const found = organs.flatMap((organ) => organ.modes.map((mode) => ({ key: `${organ.name} ${mode.mode}`, organ: organ.name, mode })));
+  const found = organs.flatMap((organ) =>
+    organ.modes.map((mode) => ({ key: `${organ.name} ${mode.mode}`, organ: organ.name, mode })),
+  );
   const near = truth
-    .flatMap((one) => found.filter((mine) => mine.organ === one.organ).map((mine) => ({ one, mine, far: Math.abs(mine.mode.natural_frequency_hz / one.frequency - 1) })))
+    .flatMap((one) =>
+      found
+        .filter((mine) => mine.organ === one.organ)
+        .map((mine) => ({ one, mine, far: Math.abs(mine.mode.natural_frequency_hz / one.frequency - 1) })),
+    )
     .filter(({ far }) => far < FARTHEST)
     .sort((a, b) => rank(a.mine) - rank(b.mine) || a.far - b.far);
   const [matched, used] = [new Map(), new Set()];

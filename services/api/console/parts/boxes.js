@@ -20,11 +20,16 @@ export function Boxes({ groups, title }) {
   const x = (day, k) => LEFT + (days.indexOf(day) + 0.5) * step + (k - (groups.length - 1) / 2) * wide;
   return html`<figure>
     <figcaption class="small">${title}</figcaption>
-    <div class="legend">${groups.map((one, k) => html`<span><span class=${`swatch ${lookOf(k)}`}></span>${one.name}</span>`)}</div>
+    <div class="legend">${groups.map((one, k) => html`<span><span class=${`swatch ${lookOf(k)}`}></span>${one.name}
+      </span>`)}</div>
     <svg class="boxes" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label=${inWords(title, groups)}>
-      ${ticks(low, high).map((value) => html`<g><line class="axis" x1=${LEFT} x2=${WIDTH} y1=${y(value)} y2=${y(value)} /><text x=${LEFT - 6} y=${y(value) + 4} text-anchor="end">${(100 * value).toFixed(1)} %</text></g>`)}
-      ${days.filter((_, k) => k % Math.ceil(days.length / MOST_LABELS) === 0).map((day) => html`<text x=${LEFT + (days.indexOf(day) + 0.5) * step} y=${HEIGHT - 12} text-anchor="middle">${day.slice(5)}</text>`)}
-      ${groups.map((one, k) => one.boxes.map((box) => html`<${Box} box=${box} x=${x(box.at, k)} y=${y} wide=${wide * 0.8} look=${lookOf(k)} name=${one.name} />`))}
+      ${ticks(low, high).map((value) => html`<g><line
+        class="axis" x1=${LEFT} x2=${WIDTH} y1=${y(value)} y2=${y(value)} /><text x=${LEFT - 6} y=${y(value) + 4}
+        text-anchor="end">${(100 * value).toFixed(1)} %</text></g>`)}
+      ${days.filter((_, k) => k % Math.ceil(days.length / MOST_LABELS) === 0).map((day) => html`<text
+        x=${LEFT + (days.indexOf(day) + 0.5) * step} y=${HEIGHT - 12} text-anchor="middle">${day.slice(5)}</text>`)}
+      ${groups.map((one, k) => one.boxes.map((box) => html`<${Box} box=${box} x=${x(box.at, k)} y=${y}
+        wide=${wide * 0.8} look=${lookOf(k)} name=${one.name} />`))}
     </svg></figure>`;
 }
 
@@ -32,7 +37,8 @@ const lookOf = (k) => `box-${HUES[k % HUES.length]} fill-${k % 4}`;
 
 function Box({ box, x, y, wide, look, name }) {
   const half = wide / 2;
-  return html`<g class=${look}><title>${`${name}, ${box.at}: median ${(100 * box.median).toFixed(1)} %, n = ${box.n}`}</title>
+  return html`<g class=${look}><title>${`${name}, ${box.at}: median ${(100 * box.median).toFixed(1)} %, n = ${box.n}`}
+    </title>
     <line x1=${x} x2=${x} y1=${y(box.min)} y2=${y(box.max)} />
     <rect x=${x - half} width=${wide} y=${y(box.q3)} height=${Math.max(1, y(box.q1) - y(box.q3))} />
     <line class="median" x1=${x - half} x2=${x + half} y1=${y(box.median)} y2=${y(box.median)} /></g>`;

@@ -16,10 +16,35 @@ const SAFE = 1e-300;
  * Series: {label, y, hue, shape?, line = true, std?, dash?}; marks: {x, label, hue, dash?, width_x?} upright lines;
  * levels: {y, hue, dash} lying lines. `x` is shared and ascending; `time` says that it is unix seconds.
  */
-export function Chart({ title, x, series, xLabel, yLabel, time = false, log = false, marks = [], levels = [], height = 220, yRange, xRange, legend = true, onPoint }) {
+export function Chart({
+  title,
+  x,
+  series,
+  xLabel,
+  yLabel,
+  time = false,
+  log = false,
+  marks = [],
+  levels = [],
+  height = 220,
+  yRange,
+  xRange,
+  legend = true,
+  onPoint,
+}) {
   const box = useRef(null);
   const theme = useTheme();
-  const key = JSON.stringify([x.length, x[0], x.at(-1), series.map((one) => [one.label, one.y.length, one.y.find((v) => v != null), one.hue]), marks, levels, yRange, xRange, log]);
+  const key = JSON.stringify([
+    x.length,
+    x[0],
+    x.at(-1),
+    series.map((one) => [one.label, one.y.length, one.y.find((v) => v != null), one.hue]),
+    marks,
+    levels,
+    yRange,
+    xRange,
+    log,
+  ]);
   useEffect(() => {
     const width = box.current.clientWidth || 600;
     const plot = new uPlot(
@@ -41,30 +66,71 @@ export function Chart({ title, x, series, xLabel, yLabel, time = false, log = fa
 }
 
 function inWords(title, x, series, marks) {
-  const lines = series.filter((one) => one.label).map((one) => `${one.label}: ${one.y.filter((v) => v != null).length} values`);
+  const lines = series
+    .filter((one) => one.label)
+    .map((one) => `${one.label}: ${one.y.filter((v) => v != null).length} values`);
   const told = marks.filter((one) => one.label).map((one) => one.label);
   return `${title}. ${lines.join("; ")}${told.length ? `. Marks: ${told.join(", ")}` : ""}`;
 }
 
-function optionsOf({ series, xLabel, yLabel, time, log, marks, levels, height, yRange, xRange, legend, width, onPoint }) {
+function optionsOf({
+  series,
+  xLabel,
+  yLabel,
+  time,
+  log,
+  marks,
+  levels,
+  height,
+  yRange,
+  xRange,
+  legend,
+  width,
+  onPoint,
+}) {
   const ink = colour("soft");
   const grid = { stroke: colour("faint"), width: 1 };
-  const axis = { stroke: ink, grid, ticks: { stroke: colour("line"), width: 1 }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 20 };
-  const decades = log ? { splits: (u, axis, low, high) => powers(low, high), values: (u, splits) => splits.map((value) => `1e${Math.round(Math.log10(value))}`), filter: (u, splits) => splits } : {};
+  const axis = {
+    stroke: ink,
+    grid,
+    ticks: { stroke: colour("line"), width: 1 },
+    font: "12px system-ui",
+    labelFont: "12px system-ui",
+    labelSize: 20,
+  };
+  const decades = log
+    ? {
+        splits: (u, axis, low, high) => powers(low, high),
+        values: (u, splits) => splits.map((value) => `1e${Math.round(Math.log10(value))}`),
+        filter: (u, splits) => splits,
+      }
+    : {};
   return {
     width,
     height,
     legend: { show: legend && series.filter((one) => one.label).length > 1, live: true },
     cursor: { drag: { x: true, y: false }, points: { size: 7 } },
     scales: { x: { time, range: xRange }, y: { distr: log ? 3 : 1, range: yRange } },
-    axes: [{ ...axis, label: xLabel, size: 36, ...(time ? { values: instants } : {}) }, { ...axis, label: yLabel, size: 62, space: 26, ...decades }],
+    axes: [
+      { ...axis, label: xLabel, size: 36, ...(time ? { values: instants } : {}) },
+      { ...axis, label: yLabel, size: 62, space: 26, ...decades },
+    ],
     series: [{ label: time ? "at" : xLabel }, ...series.map((one) => seriesOf(one))],
-    hooks: { drawClear: [(u) => drawMarks(u, marks, levels)], draw: [(u) => drawErrors(u, series)], ready: onPoint ? [(u) => watchClicks(u, onPoint)] : [] },
+    hooks: {
+      drawClear: [(u) => drawMarks(u, marks, levels)],
+      draw: [(u) => drawErrors(u, series)],
+      ready: onPoint ? [(u) => watchClicks(u, onPoint)] : [],
+    },
   };
 }
 
 const DAYS = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
-const HOURS = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+const HOURS = new Intl.DateTimeFormat(undefined, {
+  day: "numeric",
+  month: "short",
+  hour: "2-digit",
+  minute: "2-digit",
+});
 
 /** Days in words, with the hour where marks lie closer than days. */
 function instants(u, splits, axis, space, step) {
@@ -79,7 +145,16 @@ function powers(low, high) {
   return Array.from({ length: Math.max(0, Math.floor((last - first) / step) + 1) }, (_, k) => 10 ** (first + k * step));
 }
 
-function seriesOf({ label = "", hue = "blue", line = true, shape = "disc", dash, points = true, width = 1.5, size = 6 }) {
+function seriesOf({
+  label = "",
+  hue = "blue",
+  line = true,
+  shape = "disc",
+  dash,
+  points = true,
+  width = 1.5,
+  size = 6,
+}) {
   const stroke = colour(hue);
   return {
     label,
@@ -88,7 +163,7 @@ function seriesOf({ label = "", hue = "blue", line = true, shape = "disc", dash,
     dash,
     spanGaps: false,
     paths: line ? undefined : () => null,
-    points: { show: points ? DRAWERS[shape] ?? true : false, size, fill: stroke, stroke },
+    points: { show: points ? (DRAWERS[shape] ?? true) : false, size, fill: stroke, stroke },
   };
 }
 
@@ -158,7 +233,10 @@ function watchClicks(u, onPoint) {
     const near = u.series
       .map((one, k) => ({ k, value: k && one.show ? u.data[k][idx] : null }))
       .filter(({ value }) => value != null)
-      .map(({ k, value }) => ({ k, far: Math.hypot(u.valToPos(u.data[0][idx], "x") - left, u.valToPos(value, "y") - top) }))
+      .map(({ k, value }) => ({
+        k,
+        far: Math.hypot(u.valToPos(u.data[0][idx], "x") - left, u.valToPos(value, "y") - top),
+      }))
       .sort((a, b) => a.far - b.far)[0];
     if (near && near.far < 24) onPoint(near.k - 1, idx);
   });

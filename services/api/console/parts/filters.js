@@ -9,7 +9,8 @@ const FIRST_PAGE = { cursor: "", trail: "" };
 
 export function Choice({ label, name, query, options }) {
   return html`<label>${label}
-    <select name=${name} value=${query.get(name) ?? ""} onChange=${(event) => requery({ [name]: event.target.value, ...FIRST_PAGE })}>
+    <select name=${name} value=${query.get(name) ?? ""}
+      onChange=${(event) => requery({ [name]: event.target.value, ...FIRST_PAGE })}>
       <option value="">all</option>
       ${options.map((one) => {
         const { value, text } = typeof one === "string" ? { value: one, text: one } : one;
@@ -27,7 +28,8 @@ export function Words({ label, name, query, placeholder = "", pattern }) {
     const value = event.target.value.trim();
     setText(event.target.value);
     clearTimeout(timer.current);
-    if (event.target.checkValidity()) timer.current = setTimeout(() => requery({ [name]: value, ...FIRST_PAGE }), TYPING_MS);
+    if (event.target.checkValidity())
+      timer.current = setTimeout(() => requery({ [name]: value, ...FIRST_PAGE }), TYPING_MS);
   };
   return html`<label>${label}
     <input type="search" name=${name} value=${text} placeholder=${placeholder} pattern=${pattern} onInput=${onInput} />

@@ -9,7 +9,8 @@ export function ProblemBox({ problem, onRetry }) {
   return html`<div class="problem" role="alert">
     <strong>${problem.detail ?? problem.message}</strong>
     ${problem.hint && html`<p>${problem.hint}</p>`}
-    ${others.length > 0 && html`<ul>${others.map((one) => html`<li><code>${one.pointer}</code> ${one.detail} ${one.hint}</li>`)}</ul>`}
+    ${others.length > 0 && html`<ul>${others.map((one) => html`<li><code>${one.pointer}</code> ${one.detail} ${one.hint}
+      </li>`)}</ul>`}
     <p class="small">
       ${problem.code && html`<code>${problem.code}</code>`}
       ${problem.requestId && html` · request <code>${problem.requestId}</code>`}

@@ -8,7 +8,12 @@ import { words } from "../app/words.js";
 export function Reasons({ codes }) {
   const [known, setKnown] = useState({});
   useEffect(() => {
-    words().then((found) => setKnown(found.reasons), () => {});
+    words().then(
+      (found) => setKnown(found.reasons),
+      () => {},
+    );
   }, []);
-  return codes?.length ? html`<ul class="reasons">${codes.map((code) => html`<li><code>${code}</code> ${known[code] ?? ""}</li>`)}</ul>` : null;
+  return codes?.length
+    ? html`<ul class="reasons">${codes.map((code) => html`<li><code>${code}</code> ${known[code] ?? ""}</li>`)}</ul>`
+    : null;
 }

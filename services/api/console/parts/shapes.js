@@ -3,8 +3,19 @@
  */
 const PATHS = {
   square: (ctx, x, y, r) => ctx.rect(x - r, y - r, 2 * r, 2 * r),
-  diamond: (ctx, x, y, r) => polygon(ctx, [[x, y - 1.3 * r], [x + 1.3 * r, y], [x, y + 1.3 * r], [x - 1.3 * r, y]]),
-  triangle: (ctx, x, y, r) => polygon(ctx, [[x, y - 1.3 * r], [x + 1.2 * r, y + r], [x - 1.2 * r, y + r]]),
+  diamond: (ctx, x, y, r) =>
+    polygon(ctx, [
+      [x, y - 1.3 * r],
+      [x + 1.3 * r, y],
+      [x, y + 1.3 * r],
+      [x - 1.3 * r, y],
+    ]),
+  triangle: (ctx, x, y, r) =>
+    polygon(ctx, [
+      [x, y - 1.3 * r],
+      [x + 1.2 * r, y + r],
+      [x - 1.2 * r, y + r],
+    ]),
   disc: (ctx, x, y, r) => ctx.moveTo(x + r, y) ?? ctx.arc(x, y, r, 0, 7),
 };
 PATHS.ring = PATHS.disc;
@@ -22,7 +33,9 @@ function polygon(ctx, corners) {
 }
 
 /** For each shape what uPlot calls to draw a series' points. */
-export const DRAWERS = Object.fromEntries(Object.keys(PATHS).map((shape) => [shape, (u, index, from, to) => draw(u, index, from, to, shape)]));
+export const DRAWERS = Object.fromEntries(
+  Object.keys(PATHS).map((shape) => [shape, (u, index, from, to) => draw(u, index, from, to, shape)]),
+);
 
 function draw(u, index, from, to, shape) {
   const { ctx, data, series } = u;

@@ -5,6 +5,7 @@ import { html } from "../app/html.js";
 
 export function Tabs({ label, tabs, current }) {
   return html`<nav class="tabs" aria-label=${label}>
-    ${tabs.map(([key, text, href]) => html`<a href=${href} aria-current=${key === current ? "page" : null}>${text}</a>`)}
+    ${tabs.map(([key, text, href]) => html`<a href=${href} aria-current=${key === current ? "page" : null}>${text}
+      </a>`)}
   </nav>`;
 }

@@ -15,7 +15,11 @@ export function motionAt(points, sensors, motion) {
   for (let k = 0; k < points.length; k += 3) {
     let [weight, x, y, z] = [0, 0, 0, 0];
     visit(grid, radius, points[k], points[k + 1], points[k + 2], (s) => {
-      const far = ((points[k] - sensors[s]) ** 2 + (points[k + 1] - sensors[s + 1]) ** 2 + (points[k + 2] - sensors[s + 2]) ** 2) / radius ** 2;
+      const far =
+        ((points[k] - sensors[s]) ** 2 +
+          (points[k + 1] - sensors[s + 1]) ** 2 +
+          (points[k + 2] - sensors[s + 2]) ** 2) /
+        radius ** 2;
       if (far >= 1) return;
       const share = (1 - far) ** 2 / (far + 1e-4);
       weight += share;
@@ -38,7 +42,10 @@ export function spacing(sensors) {
     let best = Infinity;
     for (let b = 0; b < count; b++) {
       if (a === b) continue;
-      const far = (sensors[3 * a] - sensors[3 * b]) ** 2 + (sensors[3 * a + 1] - sensors[3 * b + 1]) ** 2 + (sensors[3 * a + 2] - sensors[3 * b + 2]) ** 2;
+      const far =
+        (sensors[3 * a] - sensors[3 * b]) ** 2 +
+        (sensors[3 * a + 1] - sensors[3 * b + 1]) ** 2 +
+        (sensors[3 * a + 2] - sensors[3 * b + 2]) ** 2;
       if (far > 0 && far < best) best = far;
     }
     nearest.push(Math.sqrt(best));

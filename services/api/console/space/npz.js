@@ -21,7 +21,8 @@ export async function readNpz(path, send, names) {
   const whole = Number(/\/(\d+)$/.exec(tail.headers.get("Content-Range") ?? "")?.[1] ?? end.byteLength);
   const listed = [...members(end, whole - end.byteLength)].filter((member) => !names || names.includes(member.name));
   const found = {};
-  for (const member of listed) found[member.name] = readNpy(await contentOf(member, await piece(path, send, end, whole, member)));
+  for (const member of listed)
+    found[member.name] = readNpy(await contentOf(member, await piece(path, send, end, whole, member)));
   return found;
 }
 
@@ -75,8 +76,13 @@ function readNpy(buffer) {
   const start = (isFirst ? 10 : 12) + length;
   const header = new TextDecoder("latin1").decode(new Uint8Array(buffer, isFirst ? 10 : 12, length));
   const [, order, kind] = /'descr': '([<>|=])(\w+)'/.exec(header);
-  const shape = /'shape': \(([^)]*)\)/.exec(header)[1].split(",").filter((part) => part.trim()).map(Number);
-  if (order === ">" || /'fortran_order': True/.test(header)) throw new Error("This layout of an array is not read here.");
+  const shape = /'shape': \(([^)]*)\)/
+    .exec(header)[1]
+    .split(",")
+    .filter((part) => part.trim())
+    .map(Number);
+  if (order === ">" || /'fortran_order': True/.test(header))
+    throw new Error("This layout of an array is not read here.");
   const content = buffer.slice(start);
   if (kind.startsWith("U")) return { shape, values: strings(content, Number(kind.slice(1))) };
   return { shape, values: READERS[kind](content) };

@@ -15,5 +15,10 @@ export async function fetchCloud(scan, frame, most, signal) {
   const total = Number(response.headers.get("X-Points-Total"));
   const buffer = await response.arrayBuffer();
   const count = buffer.byteLength / 15;
-  return { count, total, positions: new Float32Array(buffer, 0, 3 * count), colours: new Uint8Array(buffer, 12 * count, 3 * count) };
+  return {
+    count,
+    total,
+    positions: new Float32Array(buffer, 0, 3 * count),
+    colours: new Uint8Array(buffer, 12 * count, 3 * count),
+  };
 }

@@ -11,6 +11,8 @@ import { adaptive } from "./adapt.js";
 const MEASURED_MS = 1000;
 const TURN = 0.12; // radians of one key press
 const ZOOM = 1.12;
+const [SMALLEST, LARGEST, FILLING] = [0.0022, 0.012, 0.7]; // of a point, as a share of the extent
+const VIEW = [0.72, -1.1, 0.36]; // where the camera stands at first, in extents from the middle
 const VERTEX = `
 attribute vec3 motion;
 attribute vec3 colour;
@@ -36,7 +38,12 @@ void main() {
 
 /** Throws where the browser has no WebGL. `onRate({fps, shown, all})` tells once a second while something moves. */
 export function createStage(canvas, { onRate = () => {} } = {}) {
-  const renderer = new THREE.WebGLRenderer({ canvas, antialias: false, alpha: true, powerPreference: "high-performance" });
+  const renderer = new THREE.WebGLRenderer({
+    canvas,
+    antialias: false,
+    alpha: true,
+    powerPreference: "high-performance",
+  });
   const scene = new THREE.Scene();
   const camera = new THREE.PerspectiveCamera(40, 1, 0.01, 1000);
   camera.up.set(0, 0, 1);
@@ -44,7 +51,15 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
   const material = new THREE.ShaderMaterial({
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
-    uniforms: Object.fromEntries([["swing", 0], ["longest", 1], ["tint", 0], ["size", 0.01], ["scale", 1]].map(([key, value]) => [key, { value }])),
+    uniforms: Object.fromEntries(
+      [
+        ["swing", 0],
+        ["longest", 1],
+        ["tint", 0],
+        ["size", 0.01],
+        ["scale", 1],
+      ].map(([key, value]) => [key, { value }]),
+    ),
   });
   const uniform = material.uniforms;
   const play = { on: false, amplitude: 0.08, period: 2 };
@@ -70,9 +85,17 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
     if (now - since < MEASURED_MS) return;
     const fps = (1000 * counted) / (now - since);
     [since, counted] = [now, 0];
-    const shown = budget.next(fps);
+    budget.next(fps);
+    onRate({ fps, ...limit() });
+  }
+
+  /** Draw as many points as there is time for, larger where they are fewer: the surface keeps its look. */
+  function limit() {
+    const [shown, all] = [budget.shown, cloud?.geometry.attributes.position.count ?? 0];
     cloud?.geometry.setDrawRange(0, shown);
-    onRate({ fps, shown, all: cloud?.geometry.attributes.position.count ?? 0 });
+    const count = Math.max(1, Math.min(shown, all));
+    uniform.size.value = Math.min(LARGEST, Math.max(SMALLEST, FILLING / Math.sqrt(count))) * extent;
+    return { shown, all };
   }
 
   const ask = () => (asked ||= requestAnimationFrame(draw));
@@ -99,7 +122,7 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
     extent = box.getSize(new THREE.Vector3()).length() || 1;
     camera.near = extent / 200;
     camera.far = extent * 20;
-    camera.position.set(center.x + 0.62 * extent, center.y - 0.95 * extent, center.z + 0.3 * extent);
+    camera.position.set(...VIEW.map((share, axis) => center.getComponent(axis) + share * extent));
     camera.updateProjectionMatrix();
     controls.target.copy(center);
     controls.update();
@@ -120,9 +143,8 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
     cloud.frustumCulled = false;
     scene.add(cloud);
     if (!keepView) look(positions);
-    uniform.size.value = Math.min(0.012, Math.max(0.0022, 0.55 / Math.sqrt(count))) * extent;
     budget = adaptive(count, keepView ? budget.shown || count : count);
-    geometry.setDrawRange(0, budget.shown);
+    limit();
     restart();
   }
 
@@ -144,7 +166,9 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
   }
 
   function onKey(event) {
-    const turns = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] }[event.key];
+    const turns = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] }[
+      event.key
+    ];
     const zoom = { "+": 1 / ZOOM, "=": 1 / ZOOM, "-": ZOOM }[event.key];
     if (!turns && !zoom) return;
     event.preventDefault();
@@ -181,6 +205,7 @@ export function createStage(canvas, { onRate = () => {} } = {}) {
 
 export function longestOf(motion) {
   let longest = 0;
-  for (let k = 0; k < motion.length; k += 3) longest = Math.max(longest, motion[k] ** 2 + motion[k + 1] ** 2 + motion[k + 2] ** 2);
+  for (let k = 0; k < motion.length; k += 3)
+    longest = Math.max(longest, motion[k] ** 2 + motion[k + 1] ** 2 + motion[k + 2] ** 2);
   return Math.sqrt(longest);
 }

@@ -33,8 +33,11 @@ export function Space({ cloud, motion = null, settings = {}, label }) {
   return html`<div class="stage">
     <canvas ref=${canvas} tabindex="0" role="img" aria-label=${`${label}. Arrow keys turn it, plus and minus zoom.`}
       data-points=${count} data-shown=${rate?.shown ?? count} data-fps=${rate ? rate.fps.toFixed(1) : ""}></canvas>
-    ${missing
-      ? html`<p class="corner" role="alert">${missing}</p>`
-      : html`<span class="corner">${rate && settings.on ? `${Math.round(rate.fps)} pictures/s · ` : ""}${(settings.on ? (rate?.shown ?? count) : count).toLocaleString()}${settings.on && rate && rate.shown < rate.all ? ` of ${rate.all.toLocaleString()}` : ""} points</span>`}
+    ${
+      missing
+        ? html`<p class="corner" role="alert">${missing}</p>`
+        : html`<span class="corner">
+          ${rate && settings.on ? `${Math.round(rate.fps)} pictures/s · ` : ""}${(settings.on ? (rate?.shown ?? count) : count).toLocaleString()}${settings.on && rate && rate.shown < rate.all ? ` of ${rate.all.toLocaleString()}` : ""} points</span>`
+    }
   </div>`;
 }

@@ -16,7 +16,9 @@ async function under(entry, path) {
     if (path) file.relativeName = path + file.name;
     return [file];
   }
-  const found = await Promise.all((await listed(entry.createReader())).map((one) => under(one, `${path}${entry.name}/`)));
+  const found = await Promise.all(
+    (await listed(entry.createReader())).map((one) => under(one, `${path}${entry.name}/`)),
+  );
   return found.flat();
 }
 

@@ -49,7 +49,11 @@ async function attempt(file, onProgress, signal) {
   let [address, offset] = await standing(file, signal);
   if (!address) {
     const metadata = `filename ${encoded(nameOf(file) || file.name)}${file.type ? `,filetype ${encoded(file.type)}` : ""}`;
-    const made = await send("/v1/uploads", { method: "POST", headers: { "Upload-Length": String(file.size), "Upload-Metadata": metadata }, signal });
+    const made = await send("/v1/uploads", {
+      method: "POST",
+      headers: { "Upload-Length": String(file.size), "Upload-Metadata": metadata },
+      signal,
+    });
     [address, offset] = [made.headers.get("Location"), Number(made.headers.get("Upload-Offset") ?? 0)];
     remember(file, address);
   }
@@ -73,7 +77,8 @@ async function standing(file, signal) {
   if (!address) return [null, 0];
   try {
     const answer = await send(address, { method: "HEAD", signal });
-    if (Number(answer.headers.get("Upload-Length")) === file.size) return [address, Number(answer.headers.get("Upload-Offset"))];
+    if (Number(answer.headers.get("Upload-Length")) === file.size)
+      return [address, Number(answer.headers.get("Upload-Offset"))];
   } catch (problem) {
     if (problem.status !== 404) throw problem;
   }

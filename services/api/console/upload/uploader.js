@@ -23,10 +23,14 @@ export function Uploader({ onCapture }) {
   const [making, setMaking] = useState(false);
   const abort = useRef(new AbortController());
   useEffect(() => {
-    get("/v1/uploads", { limit: 200 }).then((page) => setWaiting(page.items.filter((one) => !one.complete)), () => {});
+    get("/v1/uploads", { limit: 200 }).then(
+      (page) => setWaiting(page.items.filter((one) => !one.complete)),
+      () => {},
+    );
     return () => abort.current.abort();
   }, []);
-  const change = (file, changes) => setRows((old) => old.map((row) => (row.file === file ? { ...row, ...changes } : row)));
+  const change = (file, changes) =>
+    setRows((old) => old.map((row) => (row.file === file ? { ...row, ...changes } : row)));
 
   async function take(files) {
     const kept = files.filter((file) => !HIDDEN.test(nameOf(file) || file.name));
@@ -53,14 +57,23 @@ export function Uploader({ onCapture }) {
     take(await filesOf(event.dataTransfer));
   };
   return html`
-    <div class=${over ? "drop over" : "drop"} onDragOver=${(event) => (event.preventDefault(), setOver(true))} onDragLeave=${() => setOver(false)} onDrop=${onDrop}>
+    <div class=${over ? "drop over" : "drop"} onDragOver=${(event) => (event.preventDefault(), setOver(true))}
+      onDragLeave=${() => setOver(false)} onDrop=${onDrop}>
       <p><strong>Drop pictures, videos, point clouds or one zip file here</strong>, or a folder of them.</p>
       <div class="buttons centered">
-        <label class="button">Choose files <input type="file" name="files" multiple onChange=${(event) => take([...event.target.files])} /></label>
-        <label class="button">Choose a folder <input type="file" name="folder" webkitdirectory onChange=${(event) => take([...event.target.files])} /></label>
+        <label class="button">Choose files <input type="file" name="files" multiple
+          onChange=${(event) => take([...event.target.files])} /></label>
+        <label class="button">Choose a folder <input type="file" name="folder" webkitdirectory
+          onChange=${(event) => take([...event.target.files])} /></label>
       </div>
-      ${waiting.length > 0 && html`<p class="small" role="status">${counted(waiting.length, "upload")} not finished (${waiting.slice(0, 3).map((one) => `${one.name} ${percent(one.received / Math.max(1, one.length))}`).join(", ")}${waiting.length > 3 ? " …" : ""}):
-        drop the same files again and they go on where they stood.</p>`}
+      ${
+        waiting.length > 0 &&
+        html`<p class="small" role="status">${counted(waiting.length, "upload")} not finished (${waiting
+          .slice(0, 3)
+          .map((one) => `${one.name} ${percent(one.received / Math.max(1, one.length))}`)
+          .join(", ")}${waiting.length > 3 ? " …" : ""}):
+        drop the same files again and they go on where they stood.</p>`
+      }
     </div>
     <${ProblemBox} problem=${problem} onRetry=${() => take(rows.map((row) => row.file))} />
     ${rows.length > 0 && html`<${Progress} rows=${rows} making=${making} />`}
@@ -72,10 +85,14 @@ function Progress({ rows, making }) {
   const sent = rows.reduce((sum, row) => sum + row.sent, 0);
   return html`<div class="card" aria-label="Uploads">
     <p><${Bar} fraction=${size ? sent / size : 1} label="Progress of all files" /> <span class="small" role="status">
-      ${making ? "Looking at the files …" : `${bytes(sent)} of ${bytes(size)}, ${counted(rows.length, "file")}`}</span></p>
-    <div class="files scroll"><table><tbody>${rows.slice(0, 500).map((row) => html`<tr key=${nameOf(row.file) || row.file.name}>
+      ${making ? "Looking at the files …" : `${bytes(sent)} of ${bytes(size)}, ${counted(rows.length, "file")}`}</span>
+        </p>
+    <div class="files scroll"><table><tbody>${rows.slice(0, 500).map(
+      (row) => html`<tr key=${nameOf(row.file) || row.file.name}>
       <td>${nameOf(row.file) || row.file.name}</td><td class="number">${bytes(row.file.size)}</td>
-      <td><${Bar} fraction=${row.file.size ? row.sent / row.file.size : 1} label=${`Progress of ${row.file.name}`} /></td><td>${row.state}</td></tr>`)}</tbody></table></div>
+      <td><${Bar} fraction=${row.file.size ? row.sent / row.file.size : 1} label=${`Progress of ${row.file.name}`} />
+        </td><td>${row.state}</td></tr>`,
+    )}</tbody></table></div>
   </div>`;
 }
 
@@ -101,7 +118,10 @@ async function assemble(files, ids) {
   const names = isArchive ? await namesIn(files[0]).catch(() => []) : files.map((file) => file.name);
   const kind = names.some((name) => CLOUDS.test(name)) ? "clouds" : "capture";
   if (isArchive) return post("/v1/captures", { archive: ids[0], kind });
-  return post("/v1/captures", { kind, files: files.map((file, k) => ({ upload: ids[k], name: withoutFolder(nameOf(file) || file.name, files) })) });
+  return post("/v1/captures", {
+    kind,
+    files: files.map((file, k) => ({ upload: ids[k], name: withoutFolder(nameOf(file) || file.name, files) })),
+  });
 }
 
 /** The path without the folder that all files share: the capture is the folder. */
