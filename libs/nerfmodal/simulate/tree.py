@@ -22,6 +22,8 @@ TWIG = 0.11
 BARK = np.array([0.20, 0.15, 0.11])
 DENSITY = 700.0
 """kg/m³ of green wood."""
+BOLE_ROOM = 0.05
+"""The trunk's region ends this far (m) below the lowest branch: among leaves no cylinder fits."""
 BRANCH_ROOM_FROM = 0.15
 """A branch's region begins this far (m) from the trunk."""
 
@@ -54,7 +56,7 @@ def tree() -> Plant:
     trunk = Organ(
         name="trunk",
         kind="stem",
-        region=upright_region(wood, HEIGHT - 0.02),
+        region=upright_region(wood, BRANCHES[0][0] * HEIGHT - BOLE_ROOM),
         line=line,
         side=np.array([1.0, 0.0, 0.0]),
         direction=(1.0, 0.0, 0.0),
