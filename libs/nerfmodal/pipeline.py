@@ -11,16 +11,25 @@ from typing import assert_never
 
 import numpy as np
 
-from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface
+from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface, tracking
 from nerfmodal.errors import InvalidClouds, InvalidSpec
 from nerfmodal.export.modes import write_json
 from nerfmodal.geometry.cameras import focus_of
+from nerfmodal.geometry.frames import inside_box
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
 from nerfmodal.identify.model import FEWEST_FRAMES, Measure
 from nerfmodal.identify.structure import structure_modes
 from nerfmodal.progress import Progress, Report
-from nerfmodal.spec import CaptureSource, CloudsSource, OrganSpec, ScanSpec, SimulationSource
+from nerfmodal.spec import (
+    CaptureSource,
+    CloudsSource,
+    OrganSpec,
+    OrientedBox,
+    ReconstructionSpec,
+    ScanSpec,
+    SimulationSource,
+)
 from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
 
 SPREAD_VOXELS = 3.0
@@ -100,9 +109,59 @@ def fit_first(
     trained, held_out = capture.split_held_out(first, _held_out(spec))
     keeping = _named_resume(resume, f"{spec.digest()} first")
     scene = _scene(spec, first)
-    checkpoint = field.fit(scene, spec.reconstruction, trained, held_out, spec.seed, _telling(report), keeping, alone)
+    checkpoint = field.fit(
+        scene, _settings_of_first(spec), trained, held_out, spec.seed, _telling(report), keeping, alone
+    )
     keeping.forget()
+    if spec.reconstruction.motion == "follow" and not alone:
+        return _with_reference(spec, checkpoint, trained, scene)
     return checkpoint
+
+
+def _settings_of_first(spec: ScanSpec) -> ReconstructionSpec:
+    """A reference that is followed is trained at once for as long as frame 0 is else in two parts."""
+    settings = spec.reconstruction
+    if settings.motion == "refit":
+        return settings
+    return settings.model_copy(update={"iterations": settings.iterations + settings.fine_tune_iterations})
+
+
+def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene: field.Scene) -> Checkpoint:
+    """The checkpoint with what frames need to be followed: the points of frame 0, and who sees which."""
+    spread = SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction)
+    points = _points(spec, field.looker(checkpoint, first), first, scene, report=lambda _: None)
+    names, flat, labels = _labels(spec, points)
+    reference = tracking.prepare(
+        field.looker(checkpoint, first),
+        first,
+        checkpoint.state["backgrounds"],
+        organs=names,
+        labels=labels,
+        flat_organs=flat,
+        spread=spread,
+        cloud=points.points,
+        colors=points.colors,
+    )
+    return replace(checkpoint, state=checkpoint.state | tracking.reference_arrays(reference))
+
+
+def _labels(spec: ScanSpec, points: PointCloud) -> tuple[tuple[str, ...], tuple[bool, ...], tracking.Labels]:
+    """Names of the organs that are followed, which of them are leaves, and whose a place is (-1: nobody's)."""
+    given, found = _find_organs(spec, [points])
+
+    def whose(places: np.ndarray) -> np.ndarray:
+        owner = np.full(len(places), -1)
+        for number, organ in enumerate(given):
+            free = owner < 0
+            if organ.name in found:
+                owner[free & found[organ.name].contains(places)] = number
+            elif isinstance(organ.region, OrientedBox):
+                owner[free & inside_box(organ.region, places)] = number
+            else:
+                owner[free] = number
+        return owner
+
+    return tuple(organ.name for organ in given), tuple(organ.surface != "cylinder" for organ in given), whose
 
 
 def fine_tune(
@@ -119,6 +178,8 @@ def fine_tune(
     Cameras that lost their picture, of this frame or of frame 0, say nothing. `resume` is as in `fit_first`.
     """
     start, now = (capture.split_held_out(one, _held_out(spec), first.rig)[0] for one in (first, frame))
+    if spec.reconstruction.motion == "follow":
+        return _followed(parent, start, now, report)
     parent, start, now = field.of_common_cameras(parent, start, now)
     keeping = _named_resume(resume, f"{spec.digest()} frame {frame.index}")
     checkpoint = field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report), keeping)
@@ -126,11 +187,44 @@ def fine_tune(
     return checkpoint
 
 
+def _followed(parent: Checkpoint, first: Frame, frame: Frame, report: Report) -> Checkpoint:
+    """The points of frame 0 where `frame` shows them."""
+    reference = tracking.reference_of(parent.state)
+    moved = tracking.follow(reference, parent.state["backgrounds"], first, frame)
+    lost = "; ".join(f"{organ}: {loss.value}" for organ, loss in moved.losses.items())
+    report(Progress(done=1, total=1, message=lost))
+    return Checkpoint(
+        field="moved",
+        frame_index=frame.index,
+        step=0,
+        parent=parent.frame_index,
+        state={"points": moved.points, "colors": reference.colors, "stds": moved.stds},
+        psnr=parent.psnr,
+        held_out_psnr=parent.held_out_psnr,
+        device=parent.device,
+    )
+
+
 def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Report) -> PointCloud:
     """The point cloud of a trained frame (eq 10). Always ends; see its `outcome`."""
-    scene = _scene(spec, frame)
-    points = cloud.extract(
-        field.looker(checkpoint, frame),
+    if checkpoint.field == "moved":
+        stds = checkpoint.state["stds"]
+        report(_step(1, 1))
+        return PointCloud(
+            points=checkpoint.state["points"],
+            colors=checkpoint.state["colors"],
+            time=frame.time,
+            outcome=Outcome.OK if np.isfinite(stds).any() else Outcome.NOT_FOLLOWED,
+            device=checkpoint.device,
+            stds=stds,
+        )
+    points = _points(spec, field.looker(checkpoint, frame), frame, _scene(spec, frame), report=report)
+    return replace(points, device=checkpoint.device)
+
+
+def _points(spec: ScanSpec, look: cloud.Look, frame: Frame, scene: field.Scene, *, report: Report) -> PointCloud:
+    return cloud.extract(
+        look,
         frame,
         scene.low,
         scene.high,
@@ -140,7 +234,6 @@ def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Rep
         rng=np.random.default_rng([spec.seed, frame.index]),
         report=lambda done, total: report(_step(done, total)),
     )
-    return replace(points, device=checkpoint.device)
 
 
 def read_clouds(spec: ScanSpec) -> Iterator[PointCloud]:
@@ -342,6 +435,14 @@ def _find_organs(
     return (given, cloud.assign(given, found)) if given else cloud.specify(found)
 
 
+def _selected(organ: cloud.FoundOrgan, clouds: Sequence[PointCloud | None]) -> list[PointCloud | None]:
+    """The part of every cloud in an organ's space; of material points those that begin there."""
+    if not surface.is_material(clouds):
+        return [None if one is None else organ.select(one) for one in clouds]
+    mine = organ.contains(next(one for one in clouds if one is not None).points)
+    return [None if one is None else one.part(mine) for one in clouds]
+
+
 def _measuring(found: Mapping[str, cloud.FoundOrgan]) -> Measure:
     """`surface.measure_organ`, which sees of an organ that was found only the points in its space."""
 
@@ -356,7 +457,7 @@ def _measuring(found: Mapping[str, cloud.FoundOrgan]) -> Measure:
         report: Callable[[int, int, str], None],
     ) -> surface.Track:
         if organ.name in found:
-            clouds = [None if one is None else found[organ.name].select(one) for one in clouds]
+            clouds = _selected(found[organ.name], clouds)
         return surface.measure_organ(
             organ, clouds, reference=reference, times=times, frame_rate=frame_rate, rng=rng, report=report
         )

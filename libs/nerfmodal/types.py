@@ -4,7 +4,7 @@ World: right-handed, metres, +z up. Cameras: OpenGL (+x right, +y up, looking al
 centre of the first pixel plus one half: its centre lies at (0.5, 0.5).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Literal
 
@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 DistortionModel = Literal["pinhole", "opencv", "fisheye"]
-FieldKind = Literal["grid", "mlp"]
+FieldKind = Literal["grid", "mlp", "moved"]
+"""`moved` is no field: the points of frame 0 where a frame shows them."""
 SurfaceKind = Literal["polynomial", "tensor", "spline", "cylinder"]
 
 
@@ -24,6 +25,7 @@ class Outcome(Enum):
     NO_MOTION = "No vibration stands out of the noise: no modes."
     NOT_CONVERGED = "The iteration did not converge; the result is the best found."
     EMPTY_FIELD = "The field never became opaque: no points; check the poses and the region."
+    NOT_FOLLOWED = "An organ could not be followed: its points stand where frame 0 had them, without a precision."
     FEW_POINTS = "Fewer points than asked were opaque enough; all of them were kept."
 
 
@@ -111,7 +113,11 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointCloud:
-    """Points on the surface of the structure at one instant; colours in [0, 1]."""
+    """Points on the surface of the structure at one instant; colours in [0, 1].
+
+    `stds` are given where points are material, point i the same place of the structure in every cloud: standard
+    deviation of its displacement along an axis, metres; infinite where it was lost.
+    """
 
     points: Float[np.ndarray, "points 3"]
     colors: Float[np.ndarray, "points 3"]
@@ -119,6 +125,12 @@ class PointCloud:
     outcome: Outcome = Outcome.OK
     device: str = ""
     """What its field was trained on; empty for clouds of other sensors."""
+    stds: Float[np.ndarray, " points"] | None = None
+
+    def part(self, chosen: Bool[np.ndarray, " points"]) -> "PointCloud":
+        """The cloud of the chosen points alone."""
+        stds = None if self.stds is None else self.stds[chosen]
+        return replace(self, points=self.points[chosen], colors=self.colors[chosen], stds=stds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

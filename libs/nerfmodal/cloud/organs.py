@@ -52,7 +52,7 @@ class FoundOrgan:
     def select(self, cloud: PointCloud) -> PointCloud:
         """The part of a cloud that may be the organ's."""
         mine = self.contains(cloud.points)
-        return PointCloud(points=cloud.points[mine], colors=cloud.colors[mine], time=cloud.time, outcome=cloud.outcome)
+        return cloud.part(mine)
 
 
 def find_organs(clouds: Sequence[PointCloud | None], rng: np.random.Generator) -> tuple[FoundOrgan, ...]:

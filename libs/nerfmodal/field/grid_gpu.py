@@ -10,6 +10,7 @@ from torch import Tensor
 from nerfmodal.field.course import Course
 from nerfmodal.field.grid import GridField, Rates
 from nerfmodal.field.grid_torch import Place, pulls_of, render, show
+from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, pixels_at
 
@@ -89,6 +90,10 @@ class Learner:
             outer = place.beyond(origins, directions, fars, jitter)
             back = show(values, outer, front.left, ends=True)
             colors = front.colors + back.colors
+            if place.field.outer.size == 0:  # rays that meet the structure teach the ground nothing
+                still = show(values.detach(), outer, front.left, ends=True)
+                met_structure = front.left.detach()[:, None] < CLEAR
+                colors = front.colors + torch.where(met_structure, still.colors, back.colors)
             met = back.weights.detach() > 0
             emptiness = emptiness + (torch.nn.functional.softplus(back.raw) * outer.delta * met).sum()
         else:

@@ -39,6 +39,7 @@ from nerfmodal.field.grid import (
     render,
     train,
 )
+from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, directions_of, views_of
 from nerfmodal.io.resume import ResumeFile
@@ -71,8 +72,6 @@ NOWHERE = np.empty((0, 0, 0), np.int32)
 COARSE = 2
 """Every so many pixels is looked at to find those that see the plant."""
 FAINT = 0.1
-CLEAR = 0.98
-"""A pixel whose ray keeps more than this of its light shows the background."""
 Draw = Callable[[], Int[np.ndarray, " rays"]]
 
 

@@ -25,6 +25,9 @@ numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when
 CHUNKS = 2
 LINE = 8
 """Vertices along a brick's z: what the optimiser visits at once, 128 bytes of each of its arrays."""
+CLEAR = 0.98
+"""A ray that keeps more than this of its light sees the ground or the sky, and only such rays teach it: they would
+else learn, for each camera, the picture of whatever stands before them, and leave that half transparent."""
 FAINTEST = 1e-3
 """A ray less opaque than this meets nothing."""
 
@@ -188,7 +191,7 @@ def train_batch(
             )
             mark_seen(rows, samples, n, seen[chunk])
             gather_pulls(samples, n, distortion, pulls)
-            inside = n
+            inside, lit = n, transmittance
             if use_outer:
                 n, transmittance = march_beyond(
                     outer,
@@ -212,6 +215,8 @@ def train_batch(
                     n,
                     transmittance,
                 )
+                if outer.size == 0 and lit < CLEAR:
+                    rows[inside:n] = -1
             pulls[inside:n] = 0.0
             for channel in range(3):
                 tail[channel] = 0.0

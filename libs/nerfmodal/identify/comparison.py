@@ -296,9 +296,11 @@ def _missing(name: str, imposed: Sequence[_Imposed]) -> list[ComparisonRow]:
 
 
 def _axis_of(organ: OrganResult) -> np.ndarray:
-    """The direction along a rod: across both directions that it is measured in."""
-    first, second = organ.displacement.directions
-    return np.cross(first, second)
+    """The direction along a rod: across both directions that it is measured in, or along its sensors."""
+    directions, positions = organ.displacement.directions, organ.displacement.sensors.positions
+    if len(directions) == 2:
+        return np.cross(directions[0], directions[1])
+    return np.asarray(np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2][0])
 
 
 def _nearest(points: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:

@@ -14,18 +14,25 @@ from nerfmodal.types import Outcome, PointCloud
 HEADER_BYTES = 4000
 COMMENT = re.compile(rb"comment nerfmodal time_s (\S+) outcome (\S+)")
 DEVICE = re.compile(rb"^comment nerfmodal device (.*)$", re.MULTILINE)
+STD = "displacement_std"
+"""Vertex property (m) of clouds whose points are material."""
 COUNT = re.compile(rb"element vertex (\d+)")
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud as binary PLY (double positions, 8-bit colours); time and outcome stand in a comment."""
-    vertices = np.empty(
-        len(cloud.points), dtype=[("xyz", "<f8", 3), ("rgb", "u1", 3)]
-    )  # packed, so that its bytes are the file's
+    """Write a cloud as binary PLY: double positions, 8-bit colours, what is known of their precision.
+
+    Time and outcome stand in a comment.
+    """
+    layout = [("xyz", "<f8", 3), ("rgb", "u1", 3), *([("std", "<f4")] if cloud.stds is not None else [])]
+    vertices = np.empty(len(cloud.points), dtype=layout)  # packed, so that its bytes are the file's
     vertices["xyz"] = cloud.points
     vertices["rgb"] = np.round(np.clip(cloud.colors, 0, 1) * 255)
     properties = [f"property double {axis}" for axis in "xyz"]
     properties += [f"property uchar {color}" for color in ("red", "green", "blue")]
+    if cloud.stds is not None:
+        vertices["std"] = cloud.stds
+        properties.append(f"property float {STD}")
     device = [f"comment nerfmodal device {cloud.device}"] if cloud.device else []
     header = [
         "ply",
@@ -75,6 +82,7 @@ def read_cloud(path: Path, *, time: float | None = None, scale: float = 1.0) -> 
         time=time if time is not None else float(comment[1]) if comment else 0.0,
         outcome=Outcome[comment[2].decode()] if comment else Outcome.OK,
         device=device[1].decode().strip() if device else "",
+        stds=_stds(loaded, len(points), scale),
     )
 
 
@@ -110,6 +118,13 @@ def _header(path: Path) -> bytes:
 def _count(header: bytes) -> int:
     found = COUNT.search(header)
     return int(found[1]) if found else 0
+
+
+def _stds(loaded: Any, count: int, scale: float) -> np.ndarray | None:
+    raw = getattr(loaded, "metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data")
+    if raw is None or STD not in (raw.dtype.names or ()) or len(raw) != count:
+        return None
+    return np.asarray(raw[STD], dtype=float).reshape(count) * scale
 
 
 def _colors(loaded: Any, count: int) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Surfaces of organs and the virtual sensors on them: clouds in, displacement out."""
 
 from nerfmodal.surface.following import Follower, follow
+from nerfmodal.surface.material import is_material
 from nerfmodal.surface.sensors import Reference, Surface, Track
 from nerfmodal.surface.track import measure_organ
 
-__all__ = ["Follower", "Reference", "Surface", "Track", "follow", "measure_organ"]
+__all__ = ["Follower", "Reference", "Surface", "Track", "follow", "is_material", "measure_organ"]

@@ -9,6 +9,7 @@ from nerfmodal.errors import InvalidClouds
 from nerfmodal.geometry.frames import inside_box
 from nerfmodal.spec import OrganSpec, OrientedBox
 from nerfmodal.surface.cylinder import choose_cylinder
+from nerfmodal.surface.material import is_material, measure_material
 from nerfmodal.surface.polynomial import choose_sheet
 from nerfmodal.surface.pooled import refit_pooled
 from nerfmodal.surface.robust import Prior, RobustFit
@@ -58,6 +59,10 @@ def measure_organ(
     InvalidClouds
         The organ's region holds no points in any frame, or they are NaN, collinear or seemingly in millimetres.
     """
+    if is_material(clouds):
+        return _measure_material(
+            organ, clouds, reference=reference, times=times, frame_rate=frame_rate, rng=rng, report=report
+        )
     chosen = [None if cloud is None else _points_of(organ, cloud, index) for index, cloud in enumerate(clouds)]
     surface = _choose(organ, _pool(organ, chosen, clouds, rng))
     fits: list[RobustFit | None] = []
@@ -72,6 +77,26 @@ def measure_organ(
         reference=reference,
         times=times,
         frame_rate=frame_rate,
+    )
+
+
+def _measure_material(
+    organ: OrganSpec,
+    clouds: Sequence[PointCloud | None],
+    *,
+    reference: Reference,
+    times: Float[np.ndarray, " frames"],
+    frame_rate: float,
+    rng: np.random.Generator,
+    report: Ticker,
+) -> Track:
+    """Points that are in the organ's region in the first cloud are the organ's for good, wherever they go."""
+    start = next(cloud for cloud in clouds if cloud is not None)
+    points = np.asarray(start.points, dtype=np.float64)
+    mine = inside_box(organ.region, points) if isinstance(organ.region, OrientedBox) else np.ones(len(points), bool)
+    surface = _choose(organ, _pool(organ, [points[mine]], clouds, rng))
+    return measure_material(
+        organ, clouds, mine, surface, reference=reference, times=times, frame_rate=frame_rate, report=report
     )
 
 
