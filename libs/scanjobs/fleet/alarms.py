@@ -46,6 +46,19 @@ class Reason:
         return self.evidence.get("detected_at")
 
 
+def evidence_of(**given: Any) -> dict[str, Any]:
+    """The same keys for every kind of alarm."""
+    empty: dict[str, Any] = {
+        "change_percent": None,
+        "change_percent_std": None,
+        "confidence": None,
+        "charts": [],
+        "tracks": [],
+        "recovered_at": None,
+    }
+    return empty | given
+
+
 def settle_alarms(session: Session, plant: Plant, reasons: Mapping[tuple[str, str], Reason], kinds: set[str]) -> None:
     """Let the plant's live alarms of these kinds be exactly those that there is reason for."""
     for alarm in live_alarms(session, plant):

@@ -11,7 +11,6 @@ from sqlalchemy import and_, delete, func, insert, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.artifacts import ArtifactStore
-from scanjobs.fleet.analysis import analyse
 from scanjobs.fleet.plants import UNSYNCHRONISED
 from scanjobs.fleet.results import MOST, Result, read_result, unread_scans
 from scanjobs.fleet.tables import Observation, Plant, PlantScan
@@ -77,6 +76,8 @@ def keep_results(session: Session, plant_key: str, results: Sequence[Result]) ->
 
 def join_plant(session: Session, plant: Plant, *, up_to: int | None = None) -> None:
     """Compute a held plant's tracks, charts and alarms afresh; `up_to` is the `touched` that this answers to."""
+    from scanjobs.fleet.analysis import analyse  # here: scipy takes long to import, and most workers never join
+
     _forget_deleted(session, plant)
     values = analyse(session, plant) | _scans_of(session, plant)
     if up_to is not None:

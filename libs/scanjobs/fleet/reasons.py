@@ -1,12 +1,12 @@
 """Why a plant has alarms, in words that say what changed, since when, how sure that is and how long it took."""
 
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from scanjobs.fleet.alarms import DRIFT, LOST_MODE, SCANS_FAILING, Reason
+from scanjobs.fleet.alarms import DRIFT, LOST_MODE, SCANS_FAILING, Reason, evidence_of
 from scanjobs.fleet.findings import Findings
 from scanjobs.fleet.tables import Plant, Track
 from scanjobs.fleet.tracks import name_of
@@ -120,19 +120,6 @@ def _failing(session: Session, plant: Plant) -> list[Reason]:
         delay_s=last[2] - first[2],
     )
     return [Reason(kind=SCANS_FAILING, severity="warning", evidence=evidence)]
-
-
-def evidence_of(**given: Any) -> dict[str, Any]:
-    """The same keys for every kind of alarm."""
-    empty: dict[str, Any] = {
-        "change_percent": None,
-        "change_percent_std": None,
-        "confidence": None,
-        "charts": [],
-        "tracks": [],
-        "recovered_at": None,
-    }
-    return empty | given
 
 
 def _day(at: float) -> str:

@@ -15,12 +15,10 @@ from nerfmodal.spec import PlantSpec, ScanSpec
 from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.orm import Session
 
-from scanjobs.captures import locate_source
 from scanjobs.clock import now_s
 from scanjobs.errors import NotFound, ScanjobsError
-from scanjobs.fleet.alarms import SCAN_MISSED, Reason, settle_alarms
+from scanjobs.fleet.alarms import SCAN_MISSED, Reason, evidence_of, settle_alarms
 from scanjobs.fleet.plants import UNSYNCHRONISED
-from scanjobs.fleet.reasons import evidence_of
 from scanjobs.fleet.tables import Plant, Schedule, ScheduleRun
 from scanjobs.repository import Idempotency, insert_scan
 from scanjobs.settings import Settings
@@ -171,6 +169,8 @@ def _submit(
     session: Session, settings: Settings, schedule: Schedule, plant: Plant, due: float
 ) -> tuple[str | None, str]:
     """The scan's id, or None and why there is none."""
+    from scanjobs.captures import locate_source  # here: it reads pictures, which a worker without schedules never does
+
     spec = scheduled_spec(schedule, plant, due)
     try:
         located = (
