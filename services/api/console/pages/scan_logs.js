@@ -32,7 +32,7 @@ export function Logs({ scan, ticks }) {
     <${ProblemBox} problem=${problem} />
     ${
       lines.length === 0
-        ? html`<p class="wait">Nothing was written yet.</p>`
+        ? html`<p class="wait">${scan.finished_at ? "The steps wrote nothing: all went as it should." : "Nothing was written yet."}</p>`
         : html`<pre class="log" ref=${box} tabindex="0" role="log" aria-label="What the steps wrote">${lines.map(
             (line) => html`
           <div key=${line.id}><span class="at">
