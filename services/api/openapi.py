@@ -14,6 +14,8 @@ Document = dict[str, Any]
 REFERENCE = "#/components/schemas/{model}"
 SCHEME = "key"
 TUS = "Tus-Resumable"
+NAMING_A_PLANT = ("/v1/tracks", "/v1/environment", "/v1/schedules")
+"""A plant that is not there is refused with 404 here too."""
 KEYS = "An API key, `nm_…`; none is needed on the machine that `nerfmodal up` runs on."
 MEANING: Mapping[int, str] = {
     400: "The body is no JSON.",
@@ -62,6 +64,8 @@ def _described(app: FastAPI) -> Document:
                 parameter |= {"required": True, "schema": {"const": "1.0.0"}}
         if is_guarded(path):
             operation["security"] = [{SCHEME: []}]
+        for content in operation.get("requestBody", {}).get("content", {}).values():
+            schemas |= content["schema"].pop("$defs", {})
         operation["responses"].pop("422", None)
         operation["responses"] |= {str(status): _problem(status) for status in _refusals(path, method, operation)}
     return document
@@ -76,8 +80,10 @@ def _operations(document: Document) -> Iterator[tuple[str, str, Document]]:
 def _refusals(path: str, method: str, operation: Document) -> list[int]:
     """The statuses that an operation may refuse with; health checks have their own answer for 503."""
     found = [401, 403, 429, 503] if is_guarded(path) else []
-    if "{" in path:
+    if "{" in path or path in NAMING_A_PLANT:
         found.append(404)
+    if path.endswith("/environment") and method == "post":
+        found.append(415)
     if method in ("post", "delete", "patch"):
         found.append(409)
     if "requestBody" in operation:
