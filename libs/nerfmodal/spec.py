@@ -218,16 +218,7 @@ class SimulationSource(Part):
         driven = isinstance(force, Wind) or (isinstance(force, Harmonic) and force.frequency_hz is not None)
         for index, mode in enumerate(self.motion):
             if driven and mode.damping_ratio == 0:
-                raise ValueError(
-                    f"motion[{index}].damping_ratio = 0 under a lasting force grows without end; "
-                    "give a damping_ratio above 0, or let it decay freely"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _palm_is_filmed(self) -> "SimulationSource":
-        if self.structure != "acai" and self.palm != PalmSpec():
-            raise ValueError(f"palm: are the sizes of a palm, not of '{self.structure}'; use structure acai")
+                raise ValueError(f"motion[{index}].damping_ratio = 0 never settles under a force; give one above 0")
         return self
 
 

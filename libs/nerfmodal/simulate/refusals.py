@@ -6,7 +6,7 @@ from nerfmodal.errors import InvalidSpec
 from nerfmodal.simulate.excitation import largest_swing
 from nerfmodal.simulate.kinematics import direction_of, shifted, turned
 from nerfmodal.simulate.plants import Organ, Plant
-from nerfmodal.spec import ImposedMode, SimulationSource, Wind, modes_of
+from nerfmodal.spec import ImposedMode, PalmSpec, SimulationSource, Wind, modes_of
 
 STEEPEST = {"linear": 1.0, "rotation": np.pi / 2}
 """Slope of an offset, and radians of a turn, beyond which a member is stretched by half or folds back on itself."""
@@ -28,6 +28,12 @@ def check_organs(source: SimulationSource, plant: Plant) -> None:
 
 def check_motion(source: SimulationSource, plant: Plant) -> None:
     """Refuse shapes that an organ cannot have and swings that would fold it. Raises `InvalidSpec`."""
+    if source.structure != "acai" and source.palm != PalmSpec():
+        raise InvalidSpec(
+            f"are the sizes of a palm, not of '{source.structure}'.",
+            where="/source/palm",
+            hint="Use structure acai, or leave palm out.",
+        )
     check_organs(source, plant)
     for organ in plant.organs:
         for mode in modes_of(source.motion, organ.name):
