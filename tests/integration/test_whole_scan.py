@@ -85,6 +85,23 @@ def test_the_service_and_one_process_give_the_same_modes(service: Service, alone
         assert verdicts[0] == verdicts[1]
 
 
+def test_following_finds_the_mode_in_three_components_and_is_the_same_in_the_service(
+    service: Service, folder: Path
+) -> None:
+    reconstruction = SPEC.reconstruction.model_copy(update={"motion": "follow"})
+    spec = SPEC.model_copy(update={"reconstruction": reconstruction})
+    alone = pipeline.run(spec, folder / "followed", report=lambda *_: None)
+    _, served = result_of(service, spec)
+    one, other = served.organs[0], alone.organs[0]
+    np.testing.assert_array_equal(other.displacement.directions, np.eye(3))
+    np.testing.assert_allclose(one.model.frequencies, other.model.frequencies, rtol=1e-6)
+    row = next(row for row in compare(alone, pipeline.simulate.true_modes(spec.source, alone.times)))
+    assert row.found_hz == pytest.approx(1.07, rel=0.02)
+    assert row.mac is not None
+    assert row.mac > 0.95
+
+
+
 def test_the_imposed_mode_is_found(alone: ScanResult, folder: Path) -> None:
     rows = compare(alone, io.read_truth(folder / "alone" / "truth.npz"))
     (row,) = [row for row in rows if row.truth_hz is not None]

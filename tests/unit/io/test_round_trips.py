@@ -162,6 +162,15 @@ def test_a_cloud_survives(tmp_path: Path, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(back.colors, colors, atol=1e-12)
 
 
+def test_the_precision_of_material_points_survives(tmp_path: Path, rng: np.random.Generator) -> None:
+    stds = np.array([1e-3, np.inf, 2e-4])
+    cloud = PointCloud(points=rng.normal(size=(3, 3)), colors=np.full((3, 3), 0.5), time=0.0, stds=stds)
+    io.write_cloud(tmp_path / "frame_0000.ply", cloud)
+    back = io.read_cloud(tmp_path / "frame_0000.ply").stds
+    assert back is not None
+    np.testing.assert_allclose(back, stds, rtol=1e-6)
+
+
 def test_an_empty_cloud_survives(tmp_path: Path) -> None:
     cloud = PointCloud(points=np.empty((0, 3)), colors=np.empty((0, 3)), time=0.0, outcome=Outcome.EMPTY_FIELD)
     io.write_cloud(tmp_path / "frame_0000.ply", cloud)
