@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from nerfmodal.errors import InvalidCapture
-from nerfmodal.io.frames import LARGEST_PICTURE
+from nerfmodal.limits import LARGEST_PICTURE
 from PIL import Image, UnidentifiedImageError
 
 PICTURES: Final = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"})

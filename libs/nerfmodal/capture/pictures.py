@@ -10,7 +10,8 @@ from jaxtyping import Bool, UInt8
 from PIL import Image
 
 from nerfmodal.errors import InvalidCapture
-from nerfmodal.io.frames import BROKEN, LARGEST_PICTURE, decode
+from nerfmodal.io.frames import BROKEN, decode
+from nerfmodal.limits import LARGEST_PICTURE
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 

@@ -13,10 +13,9 @@ from PIL import Image
 from nerfmodal.errors import InvalidCapture
 from nerfmodal.io.atomic import atomic_write
 from nerfmodal.io.transforms import camera_entry, parse_camera
+from nerfmodal.limits import LARGEST_PICTURE
 from nerfmodal.types import Frame, Rig
 
-LARGEST_PICTURE = 60_000_000
-"""Pixels; a larger one is taken for a decompression bomb."""
 BROKEN = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
 """What Pillow raises of a file that is no picture."""
 
