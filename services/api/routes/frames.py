@@ -29,6 +29,7 @@ MOST_POINTS: Final = 2_000_000
 Frame = Annotated[int, Path(ge=0, le=1_000_000, description="Which frame, from 0.")]
 IfNoneMatch = Annotated[str, Header(alias="If-None-Match", max_length=1024)]
 BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
+KNOWN: Final[dict[str, Any]] = {"description": "What was sent before is still right."}
 router = APIRouter(prefix="/v1/scans/{scan_id}/frames/{frame}", tags=["frames"])
 
 
@@ -54,7 +55,11 @@ def pictures(scan_id: ScanId, frame: Frame, parts: TheParts, owner: Owner) -> Pi
         return PictureList(items=[_described(entry) for entry in _entries(archive)])
 
 
-@router.get("/pictures/{camera}", response_class=Response, responses={200: {"content": {"image/png": BINARY}}})
+@router.get(
+    "/pictures/{camera:path}",  # a camera may be called after its file, folders and all
+    response_class=Response,
+    responses={200: {"content": {"image/png": BINARY}}, 304: KNOWN},
+)
 def picture(
     scan_id: ScanId,
     frame: Frame,
@@ -75,7 +80,7 @@ def picture(
     raise NotFound(f"frame {frame} was not seen by a camera '{camera}'.", hint="List the frame's pictures.")
 
 
-@router.get("/cloud", response_class=Response, responses={200: {"content": {CLOUD: BINARY}}})
+@router.get("/cloud", response_class=Response, responses={200: {"content": {CLOUD: BINARY}}, 304: KNOWN})
 def cloud(
     scan_id: ScanId,
     frame: Frame,

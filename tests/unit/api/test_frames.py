@@ -1,11 +1,17 @@
 """Pictures of cameras and points of clouds, one by one: the bytes are those of the artifacts."""
 
 import io
+import json
+import zipfile
+from dataclasses import replace
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 from nerfmodal.io import write_cloud, write_frame
+from nerfmodal.io.frames import encode_png
+from nerfmodal.io.transforms import camera_entry
 from PIL import Image
 from scanjobs.messages import EXTRACT, RENDER
 from starlette.testclient import TestClient
@@ -45,6 +51,20 @@ def test_every_camera_s_picture_is_served_exactly(service: Service, scan: str):
         answer = service.http.get(f"/v1/scans/{scan}/frames/1/pictures/{one['camera']}")
         assert answer.headers["Content-Type"] == "image/png"
         np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(answer.content))), image)
+
+
+def test_a_camera_called_after_a_file_in_a_folder_has_its_picture_too(service: Service, tmp_path: Path):
+    camera = replace(FRAME.rig.cameras[0], name="left/0001.png")
+    frame = replace(FRAME, rig=replace(FRAME.rig, cameras=(camera,)), images=FRAME.images[:1])
+    with zipfile.ZipFile(tmp_path / "frame.zip", "w") as archive:
+        entry = camera_entry(camera) | {"file_path": "images/0.png", "frame_index": 0, "time_s": 0.0}
+        archive.writestr("transforms.json", json.dumps({"frames": [entry]}))
+        archive.writestr("images/0.png", encode_png(frame.images[0]))
+    scan = str(service.submit()["id"])
+    service.give(scan, {"frame": (tmp_path / "frame.zip").read_bytes()}, kind=RENDER, frame=0)
+    [listed] = service.http.get(f"/v1/scans/{scan}/frames/0/pictures").json()["items"]
+    answer = service.http.get(f"/v1/scans/{scan}/frames/0/pictures/{quote(listed['camera'], safe='')}")
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(answer.content))), frame.images[0])
 
 
 def test_a_whole_cloud_is_every_point_with_its_colour(service: Service, scan: str):
