@@ -3,7 +3,7 @@
 Each stage takes values and returns values; the worker's tasks load, call one of these, and save.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,21 +11,20 @@ from typing import assert_never
 
 import numpy as np
 
-from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, surface, tracking
+from nerfmodal import __version__, capture, cloud, export, field, figures, io, simulate, tracking
+from nerfmodal.allotment import find_organs, labelling, measuring
 from nerfmodal.errors import InvalidClouds, InvalidSpec
 from nerfmodal.export.modes import write_json
 from nerfmodal.geometry.cameras import focus_of
-from nerfmodal.geometry.frames import inside_box
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
-from nerfmodal.identify.model import FEWEST_FRAMES, Measure
+from nerfmodal.identify.model import FEWEST_FRAMES
 from nerfmodal.identify.structure import structure_modes
 from nerfmodal.progress import Progress, Report
 from nerfmodal.spec import (
     CaptureSource,
     CloudsSource,
     OrganSpec,
-    OrientedBox,
     ReconstructionSpec,
     ScanSpec,
     SimulationSource,
@@ -130,38 +129,19 @@ def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene:
     """The checkpoint with what frames need to be followed: the points of frame 0, and who sees which."""
     spread = SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction)
     points = _points(spec, field.looker(checkpoint, first), first, scene, report=lambda _: None)
-    names, flat, labels = _labels(spec, points)
+    organs, found = find_organs(_organs(spec), [points], spec.seed)
     reference = tracking.prepare(
         field.looker(checkpoint, first),
         first,
         checkpoint.state["backgrounds"],
-        organs=names,
-        labels=labels,
-        flat_organs=flat,
+        organs=tuple(organ.name for organ in organs),
+        labels=labelling(organs, found),
+        flat_organs=tuple(organ.surface != "cylinder" for organ in organs),
         spread=spread,
         cloud=points.points,
         colors=points.colors,
     )
     return replace(checkpoint, state=checkpoint.state | tracking.reference_arrays(reference))
-
-
-def _labels(spec: ScanSpec, points: PointCloud) -> tuple[tuple[str, ...], tuple[bool, ...], tracking.Labels]:
-    """Names of the organs that are followed, which of them are leaves, and whose a place is (-1: nobody's)."""
-    given, found = _find_organs(spec, [points])
-
-    def whose(places: np.ndarray) -> np.ndarray:
-        owner = np.full(len(places), -1)
-        for number, organ in enumerate(given):
-            free = owner < 0
-            if organ.name in found:
-                owner[free & found[organ.name].contains(places)] = number
-            elif isinstance(organ.region, OrientedBox):
-                owner[free & inside_box(organ.region, places)] = number
-            else:
-                owner[free] = number
-        return owner
-
-    return tuple(organ.name for organ in given), tuple(organ.surface != "cylinder" for organ in given), whose
 
 
 def fine_tune(
@@ -179,7 +159,10 @@ def fine_tune(
     """
     start, now = (capture.split_held_out(one, _held_out(spec), first.rig)[0] for one in (first, frame))
     if spec.reconstruction.motion == "follow":
-        return _followed(parent, start, now, report)
+        followed, losses = tracking.followed(parent, start, now)
+        lost = "; ".join(f"{organ}: {loss.value}" for organ, loss in losses.items())
+        report(Progress(done=1, total=1, message=lost))
+        return followed
     parent, start, now = field.of_common_cameras(parent, start, now)
     keeping = _named_resume(resume, f"{spec.digest()} frame {frame.index}")
     checkpoint = field.fine_tune(spec.reconstruction, parent, start, now, spec.seed, _telling(report), keeping)
@@ -187,37 +170,11 @@ def fine_tune(
     return checkpoint
 
 
-def _followed(parent: Checkpoint, first: Frame, frame: Frame, report: Report) -> Checkpoint:
-    """The points of frame 0 where `frame` shows them."""
-    reference = tracking.reference_of(parent.state)
-    moved = tracking.follow(reference, parent.state["backgrounds"], first, frame)
-    lost = "; ".join(f"{organ}: {loss.value}" for organ, loss in moved.losses.items())
-    report(Progress(done=1, total=1, message=lost))
-    return Checkpoint(
-        field="moved",
-        frame_index=frame.index,
-        step=0,
-        parent=parent.frame_index,
-        state={"points": moved.points, "colors": reference.colors, "stds": moved.stds},
-        psnr=parent.psnr,
-        held_out_psnr=parent.held_out_psnr,
-        device=parent.device,
-    )
-
-
 def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Report) -> PointCloud:
     """The point cloud of a trained frame (eq 10). Always ends; see its `outcome`."""
     if checkpoint.field == "moved":
-        stds = checkpoint.state["stds"]
         report(_step(1, 1))
-        return PointCloud(
-            points=checkpoint.state["points"],
-            colors=checkpoint.state["colors"],
-            time=frame.time,
-            outcome=Outcome.OK if np.isfinite(stds).any() else Outcome.NOT_FOLLOWED,
-            device=checkpoint.device,
-            stds=stds,
-        )
+        return tracking.cloud_of(checkpoint, frame.time)
     points = _points(spec, field.looker(checkpoint, frame), frame, _scene(spec, frame), report=report)
     return replace(points, device=checkpoint.device)
 
@@ -278,12 +235,12 @@ def identify(
     started = _now()
     times = np.array(frame_times(spec, opened))
     rate = _frame_rate(spec, times)
-    given, found = _find_organs(spec, clouds)
+    given, found = find_organs(_organs(spec), clouds, spec.seed)
     organs = identify_scan(
         given,
         spec.identification,
         clouds,
-        measure=_measuring(found),
+        measure=measuring(found),
         frame_rate=rate,
         times=times,
         seed=spec.seed,
@@ -422,47 +379,6 @@ def _organs(spec: ScanSpec) -> tuple[OrganSpec, ...]:
     if not spec.organs and isinstance(spec.source, CloudsSource):
         return open_clouds(spec).organs
     return spec.organs
-
-
-def _find_organs(
-    spec: ScanSpec, clouds: Sequence[PointCloud | None]
-) -> tuple[tuple[OrganSpec, ...], Mapping[str, cloud.FoundOrgan]]:
-    """The organs that are measured, and the space of those that were looked for."""
-    given = _organs(spec)
-    if given and all(organ.region != "auto" for organ in given):
-        return given, {}
-    found = cloud.find_organs(clouds, np.random.default_rng(spec.seed))
-    return (given, cloud.assign(given, found)) if given else cloud.specify(found)
-
-
-def _selected(organ: cloud.FoundOrgan, clouds: Sequence[PointCloud | None]) -> list[PointCloud | None]:
-    """The part of every cloud in an organ's space; of material points those that begin there."""
-    if not surface.is_material(clouds):
-        return [None if one is None else organ.select(one) for one in clouds]
-    mine = organ.contains(next(one for one in clouds if one is not None).points)
-    return [None if one is None else one.part(mine) for one in clouds]
-
-
-def _measuring(found: Mapping[str, cloud.FoundOrgan]) -> Measure:
-    """`surface.measure_organ`, which sees of an organ that was found only the points in its space."""
-
-    def measure(
-        organ: OrganSpec,
-        clouds: Sequence[PointCloud | None],
-        *,
-        reference: surface.Reference,
-        times: np.ndarray,
-        frame_rate: float,
-        rng: np.random.Generator,
-        report: Callable[[int, int, str], None],
-    ) -> surface.Track:
-        if organ.name in found:
-            clouds = _selected(found[organ.name], clouds)
-        return surface.measure_organ(
-            organ, clouds, reference=reference, times=times, frame_rate=frame_rate, rng=rng, report=report
-        )
-
-    return measure
 
 
 def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:

@@ -4,7 +4,19 @@ Frame 0's field gives the places; its pictures give the texture; a smooth displa
 makes them the pictures of the frame. Points are then the same places of the structure in every cloud, with three axes.
 """
 
+from nerfmodal.tracking.checkpoints import cloud_of, followed
 from nerfmodal.tracking.following import Followed, Loss, follow
 from nerfmodal.tracking.reference import Labels, Reference, prepare, reference_arrays, reference_of
 
-__all__ = ["Followed", "Labels", "Loss", "Reference", "follow", "prepare", "reference_arrays", "reference_of"]
+__all__ = [
+    "Followed",
+    "Labels",
+    "Loss",
+    "Reference",
+    "cloud_of",
+    "follow",
+    "followed",
+    "prepare",
+    "reference_arrays",
+    "reference_of",
+]
