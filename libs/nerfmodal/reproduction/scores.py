@@ -31,14 +31,14 @@ class OrganScore:
     """What is said of a whole organ.
 
     `displacement_error` is the root mean square of the measured minus the true displacement of all sensors in all
-    frames, over that of the true one. `active` and `true_active` count eigenvalues of at least 1 % of the largest.
+    frames, over that of the true one; None where fewer than two frames could be measured. `active` and `true_active` count eigenvalues of at least 1 % of the largest.
     """
 
     organ: str
     sensors: int
     active: int
     true_active: int
-    displacement_error: float
+    displacement_error: float | None
 
 
 def score(result: ScanResult, truth: Sequence[TrueMode]) -> tuple[list[ScoredMode], list[OrganScore]]:
@@ -52,6 +52,9 @@ def score_organ(organ: OrganResult, truth: Sequence[TrueMode]) -> OrganScore:
     """Eigenvalues and displacement of one organ against the imposed motion."""
     imposed = true_displacement(organ, truth)
     seen = organ.displacement.valid
+    if seen.sum() < 2:
+        sensors = len(organ.displacement.sensors.positions)
+        return OrganScore(organ=organ.organ, sensors=sensors, active=0, true_active=0, displacement_error=None)
     measured = organ.displacement.values.reshape(len(seen), -1)
     measured, imposed = (_centred(values[seen]) for values in (measured, imposed))
     scale = float(np.sqrt(np.mean(imposed**2)))

@@ -37,10 +37,17 @@ def test_displacement_is_compared_at_all_sensors_and_frames():
     leaf, trunk = small_result().organs
     truth = truth_of(leaf, (0, 1, 2))
     exact = score_organ(leaf, truth)
+    assert exact.displacement_error is not None
     assert exact.displacement_error < 0.06  # what the fixture adds to its modes is noise of 0.4 mm
     halved = [replace(mode, coordinates=0.5 * mode.coordinates) for mode in truth]
     assert score_organ(leaf, halved).displacement_error == pytest.approx(1.0, abs=0.06)
     assert score_organ(trunk, truth_of(trunk, (0,))).true_active == 1
+
+
+def test_an_organ_that_was_lost_has_no_error():
+    leaf = small_result().organs[0]
+    lost = replace(leaf, displacement=replace(leaf.displacement, valid=np.zeros(90, dtype=bool)))
+    assert score_organ(lost, truth_of(leaf, (0,))).displacement_error is None
 
 
 def test_active_eigenvalues_are_those_of_a_hundredth_of_the_largest():
