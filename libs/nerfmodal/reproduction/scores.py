@@ -31,7 +31,8 @@ class OrganScore:
     """What is said of a whole organ.
 
     `displacement_error` is the root mean square of the measured minus the true displacement of all sensors in all
-    frames, over that of the true one; None where fewer than two frames could be measured. `active` and `true_active` count eigenvalues of at least 1 % of the largest.
+    frames, over that of the true one; None where fewer than two frames could be measured. `active` and `true_active`
+    count eigenvalues of at least 1 % of the largest.
     """
 
     organ: str
