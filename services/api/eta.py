@@ -26,7 +26,7 @@ def measure_pace(session: Session, scan: Scan) -> Pace:
     query = (
         select(Step.kind, func.avg(took), func.sum(took), func.min(Step.started_at), now_s())
         .where(Step.scan_id == scan.id, Step.generation == scan.generation)
-        .where(Step.state == StepState.SUCCEEDED, Step.reused_from.is_(None))
+        .where(Step.state == StepState.SUCCEEDED, Step.reused_from.is_(None), Step.started_at.is_not(None))
         .group_by(Step.kind)
     )
     rows = [
