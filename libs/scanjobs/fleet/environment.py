@@ -58,7 +58,7 @@ def store_records(session: Session, records: Sequence[Record], *, owner: str, pl
     NotFound
         A plant is not there.
     """
-    keys = _keys_of(session, {record.plant or plant_id for record in records} - {None}, owner=owner)
+    keys = _keys_of(session, {plant_id, *(record.plant or plant_id for record in records)} - {None}, owner=owner)
     merged: dict[tuple[str, float], dict[str, float]] = {}
     for record in records:
         named = record.plant or plant_id
