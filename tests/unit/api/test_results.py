@@ -165,7 +165,7 @@ def test_a_page_from_a_scan_is_sandboxed(service: Service, scan: str) -> None:
 def test_options_and_presets_speak_of_the_same_specification(service: Service) -> None:
     schema = service.http.get("/v1/options").json()
     presets = service.http.get("/v1/presets").json()["items"]
-    assert {preset["name"] for preset in presets} == {"default", "quick", "paper"}
+    assert {preset["name"] for preset in presets} == {"default", "quick", "paper", "paper-coupled", "paper-off-bin"}
     assert set(presets[0]["spec"]) == set(schema["properties"])
     service.submit(presets[1]["spec"])
 

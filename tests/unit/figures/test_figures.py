@@ -193,7 +193,7 @@ def thinned(count: int, *, positions: np.ndarray | None = None):
     ids=["four sensors", "on a line", "in one place", "still", "uncertainty unknown"],
 )
 def test_poor_organs_are_drawn_too(organ, tmp_path: Path):
-    assert len(draw(replace(RESULT, organs=(organ,)), None, None, tmp_path)) == 5 + 2 * 3
+    assert len(draw(replace(RESULT, organs=(organ,)), None, None, tmp_path)) == 5 + 1 + 2 * 3
 
 
 def test_organs_are_named_in_the_picture_of_the_cloud():
@@ -228,7 +228,7 @@ def test_album_has_every_picture_and_equal_results_give_equal_bytes(tmp_path: Pa
     assert names[:3] == ["plant.png", "cameras.png", "cloud.png"]
     whats = ("shapes", "coordinates", "magnified", "components", "eigenvalues")
     assert set(names[3:8]) == {f"trunk_{what}.png" for what in whats}
-    assert names[8:] == ["trunk_mode_0.mp4", "trunk_mode_0.gif"]
+    assert names[8:] == ["trunk.json", "trunk_mode_0.mp4", "trunk_mode_0.gif"]
     for path, other in zip(first, again, strict=True):
         assert path.suffix == ".mp4" or path.read_bytes() == other.read_bytes()  # x264 promises no equal bytes
 
