@@ -122,7 +122,8 @@ def _count(header: bytes) -> int:
 
 def _stds(loaded: Any, count: int, scale: float) -> np.ndarray | None:
     raw = getattr(loaded, "metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data")
-    if raw is None or STD not in (raw.dtype.names or ()) or len(raw) != count:
+    names = raw if isinstance(raw, dict) else getattr(getattr(raw, "dtype", None), "names", None)  # ASCII or binary
+    if raw is None or names is None or STD not in names or np.size(raw[STD]) != count:
         return None
     return np.asarray(raw[STD], dtype=float).reshape(count) * scale
 
