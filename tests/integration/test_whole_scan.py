@@ -101,7 +101,6 @@ def test_following_finds_the_mode_in_three_components_and_is_the_same_in_the_ser
     assert row.mac > 0.95
 
 
-
 def test_the_imposed_mode_is_found(alone: ScanResult, folder: Path) -> None:
     rows = compare(alone, io.read_truth(folder / "alone" / "truth.npz"))
     (row,) = [row for row in rows if row.truth_hz is not None]
