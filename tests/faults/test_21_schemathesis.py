@@ -62,7 +62,7 @@ def test_the_service_does_what_its_document_says(address: tuple[str, str], tmp_p
     command += ["--header", f"Authorization: Bearer {key}", "--exclude-path-regex", "events$", "--checks", "all"]
     command += ["--max-examples", "1", "--generation-deterministic", "--suppress-health-check", "all", "--no-color"]
     command += ["--phases", "coverage,stateful", "--continue-on-failure"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=570, check=False)
     assert done.returncode == 0, done.stdout[-20_000:] + done.stderr[-2000:]
     generated = re.search(r"(\d+) generated", done.stdout)
     assert generated is not None
