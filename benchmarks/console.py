@@ -5,7 +5,6 @@ empty cache. What 50 open pages cost the API while nothing happens. How many poi
 which rate, and what of a picture is the page's own work. Minutes.
 """
 
-import json
 import os
 import statistics
 import tempfile
@@ -22,7 +21,7 @@ from scanjobs.fleet.seeding import seed_fleet
 from scanjobs.migrate import upgrade
 from scanjobs.scopes import LOCAL_OWNER
 
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 from tests.console.api_process import Api
 from tests.console.browsing import CHROMIUM, SOFTWARE
 from tests.console.site import finished_scan, open_service
@@ -54,9 +53,7 @@ def main() -> None:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
             rows += [*loads(browser, api.url, plant, scan), *swing(browser, api.url, scan)]
             browser.close()
-    print("\n".join(row.line() for row in rows))
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=2) + "\n")
+    print_and_write(rows, OUT)
 
 
 @contextmanager

@@ -6,7 +6,6 @@ table and writes out/benchmarks/motion.json.
 """
 
 import argparse
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +22,7 @@ from nerfmodal.types import DisplacementMatrix, Frame, PointCloud, Rig, ScanResu
 
 from benchmarks.films import Film, palm
 from benchmarks.geometry import silent
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 from benchmarks.truth import false_harmonic
 
 OUT = Path("out/benchmarks/motion.json")
@@ -53,14 +52,9 @@ def main() -> None:
     parser.add_argument("--refit", type=float, nargs="*", default=[0.05], help="amplitudes that are also refitted")
     parser.add_argument("--frames", type=int, default=90)
     chosen = parser.parse_args()
-    rows: list[Row] = []
-    for amplitude in chosen.amplitudes:
-        film = Film(spec=palm(amplitude, frames=chosen.frames))
-        for row in film_rows(film, amplitude, amplitude in chosen.refit):
-            print(row.line(), flush=True)
-            rows.append(row)
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=1))
+    films = {amplitude: Film(spec=palm(amplitude, frames=chosen.frames)) for amplitude in chosen.amplitudes}
+    rows = (row for size, film in films.items() for row in film_rows(film, size, size in chosen.refit))
+    print_and_write(rows, OUT)
 
 
 def film_rows(film: Film, amplitude: float, refit: bool) -> Iterator[Row]:

@@ -7,7 +7,6 @@ and reconstructs eighteen lines at once, and its noise is the fourth check (docs
 """
 
 import argparse
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from nerfmodal.preflight import ExpectedMode, Seen, preflight
 from nerfmodal.spec import IdentificationSpec, OrganSpec, ScanSpec
 from nerfmodal.surface import measure_organ
 
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 from tests.fixtures.moving_clouds import HALF_WIDTH, LENGTH, SHAPES, Flaws, Mode, Scene, leaf_clouds
 
 OUT = Path("out/benchmarks/preflight.json")
@@ -78,13 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     seeds = parser.parse_args().seeds
-    rows = []
-    for trial in TRIALS:
-        for row in trial_rows(trial, seeds):
-            print(row.line(), flush=True)
-            rows.append(row.as_json())
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps(rows, indent=1))
+    print_and_write((row for trial in TRIALS for row in trial_rows(trial, seeds)), OUT)
 
 
 def trial_rows(trial: Trial, seeds: int) -> Iterator[Row]:

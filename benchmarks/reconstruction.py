@@ -5,7 +5,6 @@ the truth. Prints a table and writes out/benchmarks/reconstruction.json. `--fram
 """
 
 import argparse
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from benchmarks.films import Film, palm
 from benchmarks.following import following_rows
 from benchmarks.geometry import geometry_rows
 from benchmarks.rays import memory_rows, roofline_rows
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 
 OUT = Path("out/benchmarks/reconstruction.json")
 GROUPS: dict[str, Callable[[Film], Iterator[Row]]] = {
@@ -31,13 +30,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=90)
     arguments = parser.parse_args()
     film = Film(spec=palm(0.05, frames=arguments.frames))
-    rows: list[Row] = []
-    for group in arguments.only:
-        for row in GROUPS[group](film):
-            print(row.line(), flush=True)
-            rows.append(row)
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=1))
+    print_and_write((row for group in arguments.only for row in GROUPS[group](film)), OUT)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
 """One measured number beside what it must reach."""
 
+import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,3 +32,13 @@ class Row:
         """The row as it is printed."""
         limits = f"floor {self.floor:<8g} aim {self.aim:<8g} {self.reached}"
         return f"{self.what:68s} {self.value:11.5g} {self.unit:6s} {limits}"
+
+
+def print_and_write(rows: Iterable[Row], out: Path) -> None:
+    """Print each row as soon as it is measured, then write all of them to `out`."""
+    measured = []
+    for row in rows:
+        print(row.line(), flush=True)
+        measured.append(row.as_json())
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(measured, indent=1))

@@ -5,11 +5,10 @@ out/benchmarks/service.json. Lost and doubled steps are counted by `python -m be
 """
 
 import argparse
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 from benchmarks.service_listing import listing_rows
 from benchmarks.service_posting import posting_rows
 from benchmarks.service_servers import Servers, servers
@@ -30,14 +29,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=list(GROUPS), default=list(GROUPS))
     groups = parser.parse_args().only
-    rows: list[Row] = []
     with servers() as machine:
-        for group in groups:
-            for row in GROUPS[group](machine):
-                print(row.line(), flush=True)
-                rows.append(row)
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps([row.as_json() for row in rows], indent=1))
+        print_and_write((row for group in groups for row in GROUPS[group](machine)), OUT)
 
 
 if __name__ == "__main__":
