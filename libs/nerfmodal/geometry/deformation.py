@@ -42,11 +42,9 @@ class Deformation:
 
 def deformation_of(points: Float[np.ndarray, "points 3"], degrees: tuple[int, ...] = DEGREES) -> Deformation:
     """The terms for an organ of which points are known: its frame are their principal axes."""
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    frame = LocalFrame(origin=middle, axes=axes)
-    local = frame.to_local(points)
+    local = points @ axes
     low, high = local.min(axis=0), local.max(axis=0)
-    centred = LocalFrame(origin=frame.to_world(0.5 * (low + high)[None])[0], axes=axes)
-    return Deformation(frame=centred, half=np.maximum(0.5 * (high - low)[:2], 1e-9), degrees=degrees)
+    frame = LocalFrame(origin=axes @ (0.5 * (low + high)), axes=axes)
+    return Deformation(frame=frame, half=np.maximum(0.5 * (high - low)[:2], 1e-9), degrees=degrees)
