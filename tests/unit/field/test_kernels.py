@@ -126,6 +126,17 @@ def test_gradients_are_the_numerical_ones(
             assert gradient[row, channel] == pytest.approx(numerical, rel=2e-2, abs=2e-4)
 
 
+@pytest.mark.parametrize("fog", [0.0, -30.0])
+def test_a_ray_that_meets_the_structure_teaches_the_ground_nothing(
+    rng: np.random.Generator, views: Views, fog: float
+) -> None:
+    """Guard: `lit < CLEAR` in `train_batch`; without it the ground learns what stands before it."""
+    field = a_field(rng, -1.0)
+    field.values[: field.bricks.rows, 0] = fog
+    _, gradient = loss_of(field, views, PIXELS, beyond=True)
+    assert np.any(gradient[field.bricks.rows :] != 0) == (fog < -20)
+
+
 def distortion(weights: np.ndarray, places: np.ndarray, lengths: np.ndarray) -> float:
     """mip-NeRF 360, eq 15, over all pairs."""
     pairs = weights[:, None] * weights[None] * np.abs(places[:, None] - places[None])
