@@ -13,7 +13,7 @@ from fastapi import FastAPI
 @contextmanager
 def live(app: FastAPI, port: int = 0) -> Iterator[str]:
     """The app's address while the block runs."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)  # as services.cli.up.listen
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind(("127.0.0.1", port))
     config = uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1, lifespan="on", ws="none")
