@@ -184,7 +184,7 @@ class SimulationSource(Part):
     palm: PalmSpec = PalmSpec()
     """Of `acai` alone."""
     frames: Annotated[int, Field(ge=1, le=100_000)]
-    frame_rate_hz: Annotated[float, Field(gt=0, le=100_000)]
+    frame_rate_hz: Annotated[float, Field(ge=1e-6, le=100_000)]
     motion: tuple[ImposedMode, ...]
     excitation: Excitation = FreeDecay()
     kinematics: Literal["linear", "rotation"] = "linear"
@@ -260,7 +260,7 @@ class CaptureSource(Part):
     path: Annotated[str, Field(min_length=1)]
     format: Literal["auto", "transforms", "dnerf", "dynerf", "colmap", "videos", "unsolved"] = "auto"
     """How the folder says where its cameras stand; `auto` looks at what is in it."""
-    frame_rate_hz: Annotated[float, Field(gt=0, le=1_000_000, allow_inf_nan=False)] | None = None
+    frame_rate_hz: Annotated[float, Field(ge=1e-6, le=1_000_000, allow_inf_nan=False)] | None = None
     """Of captures that do not tell it themselves."""
     synchronise: Literal["auto", "clocks", "audio", "flash", "motion"] = "auto"
     """How videos that started at different moments are brought together; `clocks` trusts their time stamps."""
@@ -282,7 +282,7 @@ class CloudsSource(Part):
 
     kind: Literal["clouds"]
     path: Annotated[str, Field(min_length=1)]
-    frame_rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    frame_rate_hz: Annotated[float, Field(ge=1e-6, allow_inf_nan=False)] | None = None
     """Goes before what the files say; needed where they say nothing."""
     unit: Literal["km", "m", "dm", "cm", "mm", "um", "in", "ft"] | None = None
     """Unit of length of the points; by default what the files say, or metres."""

@@ -65,7 +65,7 @@ class Doorkeeper:
         if principal is None:
             return self._refuse(request)
         wait_s = self._rates.wait_s(principal.key_id or "", principal.requests_per_minute or self._default_rate)
-        return principal if wait_s <= 0 else _too_many(request, wait_s)
+        return principal if wait_s <= 0 else _too_many(request, wait_s, "requests with this key")
 
     def _principal(self, header: str) -> Principal | None:
         kind, _, secret = header.partition(" ")
@@ -83,7 +83,7 @@ class Doorkeeper:
         peer = request.client.host if request.client else ""
         wait_s = self._failures.wait_s(peer, FAILURES_PER_MINUTE)
         if wait_s > 0:
-            return _too_many(request, wait_s)
+            return _too_many(request, wait_s, "wrong keys from this address")
         return _unauthorized(request, "The API key is unknown, revoked or expired.")
 
 
@@ -117,8 +117,8 @@ def _unauthorized(request: Request, detail: str) -> JSONResponse:
     return problem(request, 401, "UNAUTHORIZED", detail, hint=hint, headers={"WWW-Authenticate": CHALLENGE})
 
 
-def _too_many(request: Request, wait_s: float) -> JSONResponse:
+def _too_many(request: Request, wait_s: float, what: str) -> JSONResponse:
     seconds = str(math.ceil(wait_s))
-    detail = "There are too many requests with this key."
+    detail = f"There are too many {what}."
     hint = f"Send it again in {seconds} s."
     return problem(request, 429, "TOO_MANY_REQUESTS", detail, hint=hint, headers={"Retry-After": seconds})

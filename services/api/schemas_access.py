@@ -15,7 +15,7 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\
 
 
 class Asked(BaseModel):
-    """A body of a request: unknown keys are refused."""
+    """A body of a request: unknown keys are refused; its numbers and truths are strict, for true is no number."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -25,14 +25,14 @@ class NewKeyRequest(Asked):
 
     name: Name
     scopes: Annotated[list[Scope], Field(min_length=1, max_length=3)] = [Scope.READ, Scope.SUBMIT]
-    expires_in_s: Annotated[float, Field(gt=0, le=YEARS_S, allow_inf_nan=False)] | None = None
+    expires_in_s: Annotated[float, Field(strict=True, gt=0, le=YEARS_S, allow_inf_nan=False)] | None = None
     requests_per_minute: Annotated[int, Field(ge=1, le=10**6)] | None = None
 
 
 class Rotation(Asked):
     """How long the old key goes on."""
 
-    grace_s: Annotated[float, Field(ge=0, le=YEARS_S, allow_inf_nan=False)] = 24 * 3600.0
+    grace_s: Annotated[float, Field(strict=True, ge=0, le=YEARS_S, allow_inf_nan=False)] = 24 * 3600.0
 
 
 class KeyDetail(BaseModel):

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, StrictBool
 from scanjobs.fleet.alarms import document_of
 from scanjobs.fleet.tables import Alarm, Plant
 
@@ -19,7 +19,7 @@ class AlarmChange(Asked):
 
     state: Literal["acknowledged", "closed"] | None = None
     note: Text | None = None
-    new_reference: bool = Field(default=False, description="With `closed`: f0 and the charts begin anew here.")
+    new_reference: StrictBool = Field(default=False, description="With `closed`: f0 and the charts begin anew here.")
 
 
 class AlarmDetail(BaseModel):

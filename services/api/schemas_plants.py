@@ -1,9 +1,11 @@
 """What the API says of plants, and what may be asked of them."""
 
+import re
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, Field, StringConstraints
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, Field, StrictBool, StringConstraints
+from pydantic_core import PydanticCustomError
 from scanjobs.fleet.environment import COLUMNS
 from scanjobs.fleet.tables import Plant, PlantEvent
 from scanjobs.states import ScanState
@@ -11,15 +13,25 @@ from scanjobs.states import ScanState
 from services.api.schemas import STATUS_OF, Status, instant
 from services.api.schemas_access import Asked
 
+
+def written_as_a_date(value: object) -> object:
+    """What begins with year, month and day; pydantic would take bare numbers as seconds since 1970, too."""
+    if isinstance(value, datetime) or (isinstance(value, str) and re.match(r"\d{4}-\d{2}-\d{2}", value)):
+        return value
+    raise PydanticCustomError("datetime_parsing", "Input should be a date and time as RFC 3339 writes it")
+
+
 WORD = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 LINE = r"^[^\x00-\x1f\x7f]*$"
 PlantName = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=WORD)]
 Label = Annotated[str, StringConstraints(max_length=64, pattern=LINE)]
 LongLabel = Annotated[str, StringConstraints(max_length=120, pattern=LINE)]
 Text = Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\x00]*$")]
-Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, ge=-1e12, le=1e12, allow_inf_nan=False)]
 Tags = Annotated[list[PlantName], Field(max_length=32)]
-Moment = Annotated[AwareDatetime, Field(description="RFC 3339, with its offset from UTC.")]
+Moment = Annotated[
+    AwareDatetime, BeforeValidator(written_as_a_date), Field(description="RFC 3339, with its offset from UTC.")
+]
 Severity = Literal["notice", "warning", "critical"]
 
 
@@ -34,11 +46,11 @@ class Reference(Asked):
 class Monitoring(Asked):
     """How closely the plant is watched."""
 
-    false_alarms_per_year: Annotated[float, Field(ge=0.001, le=100)] = 0.1
+    false_alarms_per_year: Annotated[float, Field(strict=True, ge=0.001, le=100)] = 0.1
     covariates: Annotated[list[PlantName], Field(max_length=8)] | None = Field(
         default=None, description=f"Environment columns that explain changes; null is every one given: {COLUMNS[0]} …"
     )
-    growth: bool = Field(default=False, description="Whether a steady change with time is normal.")
+    growth: StrictBool = Field(default=False, description="Whether a steady change with time is normal.")
 
 
 class PlantChange(Asked):

@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from nerfmodal.spec import ScanSpec
-from pydantic import BaseModel, Field, StringConstraints, model_validator
+from pydantic import BaseModel, Field, StrictBool, StringConstraints, model_validator
 from scanjobs.fleet.schedules import next_of_cron, zone_of
 from scanjobs.fleet.tables import Plant, Schedule, ScheduleRun
 
@@ -12,7 +12,7 @@ from services.api.schemas import instant
 from services.api.schemas_access import Asked
 from services.api.schemas_plants import LINE, PlantName
 
-Hours = Annotated[float, Field(ge=0.1, le=8760, allow_inf_nan=False)]
+Hours = Annotated[float, Field(strict=True, ge=0.1, le=8760, allow_inf_nan=False)]
 Cron = Annotated[
     str,
     StringConstraints(min_length=9, max_length=120, pattern=LINE),
@@ -21,7 +21,7 @@ Cron = Annotated[
 Zone = Annotated[
     str, StringConstraints(min_length=1, max_length=64, pattern=LINE), Field(description="Such as `America/Belem`.")
 ]
-Minutes = Annotated[float, Field(ge=0, le=10_080, allow_inf_nan=False)]
+Minutes = Annotated[float, Field(strict=True, ge=0, le=10_080, allow_inf_nan=False)]
 
 
 class ScheduleChange(Asked):
@@ -32,7 +32,7 @@ class ScheduleChange(Asked):
     time_zone: Zone | None = None
     spec: ScanSpec | None = Field(default=None, description="`source.path` may hold {plant}, {date} and {time}.")
     grace_minutes: Minutes | None = None
-    enabled: bool | None = None
+    enabled: StrictBool | None = None
 
     @model_validator(mode="after")
     def _one_rhythm(self) -> "ScheduleChange":
@@ -62,7 +62,7 @@ class NewSchedule(ScheduleChange):
     spec: ScanSpec = Field(description="`source.path` may hold {plant}, {date} and {time}; the plant is filled in.")
     time_zone: Zone = "UTC"
     grace_minutes: Minutes = Field(default=60.0, description="How long a source may be late before the scan is missed.")
-    enabled: bool = True
+    enabled: StrictBool = True
 
     @model_validator(mode="after")
     def _some_rhythm(self) -> "NewSchedule":

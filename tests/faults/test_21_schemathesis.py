@@ -3,6 +3,8 @@
 The service asks for keys, so that the check of ignored authentication means something. Streams have no end and are
 left out (tests/unit/api/test_events.py has them). 412 is what tus asks for. What valid data may be refused with besides
 is a rule that JSON Schema cannot say: a cursor that was signed, a path that is there, an address that is public.
+The limit of wrong keys from one address is lifted: the fuzzer sends hundreds a minute, and their 429 would stand before
+the 401 that it looks for. That limit has its own test (tests/unit/api/test_keys.py).
 """
 
 import re
@@ -19,6 +21,7 @@ from scanjobs.scopes import Scope
 from scanjobs.settings import Settings
 from scanjobs.store import open_store
 
+from services.api import doorkeeper
 from services.api.app import create_app
 from tests.unit.api.live import live
 
@@ -41,8 +44,9 @@ checks.negative_data_rejection.expected-statuses = ["2xx", "4xx"]
 
 
 @pytest.fixture
-def address(tmp_path: Path) -> Iterator[tuple[str, str]]:
+def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, str]]:
     """Where a service listens, and a key that may do everything."""
+    monkeypatch.setattr(doorkeeper, "FAILURES_PER_MINUTE", 10**6)
     settings = Settings(data_folder=tmp_path / "data", capture_roots=(tmp_path,), keyless=False)
     upgrade(settings.database)
     store = open_store(settings.database)
@@ -62,7 +66,7 @@ def test_the_service_does_what_its_document_says(address: tuple[str, str], tmp_p
     command += ["--header", f"Authorization: Bearer {key}", "--exclude-path-regex", "events$", "--checks", "all"]
     command += ["--max-examples", "1", "--generation-deterministic", "--suppress-health-check", "all", "--no-color"]
     command += ["--phases", "coverage,stateful", "--continue-on-failure"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=570, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False)
     assert done.returncode == 0, done.stdout[-20_000:] + done.stderr[-2000:]
     generated = re.search(r"(\d+) generated", done.stdout)
     assert generated is not None

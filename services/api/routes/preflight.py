@@ -22,7 +22,7 @@ Modes = Annotated[
 ]
 Noise = Annotated[
     float | None,
-    Query(gt=0, le=1e6, allow_inf_nan=False, description="Standard deviation of a fitted surface in a frame, mm."),
+    Query(ge=1e-6, le=1e6, allow_inf_nan=False, description="Standard deviation of a fitted surface in a frame, mm."),
 ]
 router = APIRouter(prefix="/v1/preflight", tags=["preflight"])
 

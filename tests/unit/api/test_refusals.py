@@ -28,7 +28,7 @@ BAD = [
     ("/colour", 1, "keys here"),
     ("/source/frames", 0, "at least 1"),
     ("/source/frames", 10**9, "at most 100000"),
-    ("/source/frame_rate_hz", 0, "above 0"),
+    ("/source/frame_rate_hz", 0, "at least 1e-06"),
     ("/source/motion/0/frequency_hz", 20, "frame_rate_hz >="),
     ("/source/motion/0/amplitude_m", "wide", "/v1/options"),
     ("/source/rig/width_px", 1, "at least 16"),
