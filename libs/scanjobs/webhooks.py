@@ -8,7 +8,7 @@ Messages and signatures are those of Standard Webhooks (https://www.standardwebh
 import base64
 import random
 import secrets
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -40,8 +40,18 @@ TOLD: Final[frozenset[ScanState]] = frozenset(
     {ScanState.QUEUED, ScanState.RUNNING, ScanState.PAUSED, ScanState.SUCCEEDED, ScanState.FAILED, ScanState.CANCELED}
 )
 TEST_TYPE: Final = "webhook.test"
-ALARM_TYPES: Final = ("alarm.acknowledged", "alarm.closed", "alarm.opened")
-SCAN_TYPES: Final = tuple(sorted(f"scan.{state.value}" for state in TOLD))
+MEANING: Final[Mapping[str, str]] = {
+    "alarm.opened": "a plant is not as it should be",
+    "alarm.acknowledged": "somebody has seen to it",
+    "alarm.closed": "it is over",
+    "scan.queued": "a scan is to run again",
+    "scan.running": "its first step has begun",
+    "scan.paused": "no step of it begins",
+    "scan.succeeded": "its modes are there",
+    "scan.failed": "it ended without modes",
+    "scan.canceled": "somebody has stopped it",
+}
+"""What each kind of message says has happened."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,10 +244,17 @@ def pause_s(number: int, asked_s: float | None = None, chance: float | None = No
 
 
 def list_deliveries(
-    session: Session, endpoint: WebhookEndpoint, *, before: str | None = None, limit: int = 50
+    session: Session,
+    endpoint: WebhookEndpoint,
+    *,
+    state: str | None = None,
+    before: str | None = None,
+    limit: int = 50,
 ) -> tuple[WebhookDelivery, ...]:
-    """What an endpoint was told or is to be told, the newest first."""
+    """What an endpoint was told or is to be told, the newest first; in one state if given."""
     query = select(WebhookDelivery).where(WebhookDelivery.endpoint_id == endpoint.id)
+    if state is not None:
+        query = query.where(WebhookDelivery.state == state)
     if before is not None:
         query = query.where(WebhookDelivery.id < before)
     return tuple(session.scalars(query.order_by(WebhookDelivery.id.desc()).limit(limit)))

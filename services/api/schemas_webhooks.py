@@ -3,9 +3,9 @@
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, StrictBool
 from scanjobs.account_tables import WebhookAttempt, WebhookDelivery, WebhookEndpoint
-from scanjobs.webhooks import ALARM_TYPES, SCAN_TYPES
+from scanjobs.webhooks import MEANING
 
 from services.api.schemas import instant
 from services.api.schemas_access import Asked
@@ -16,7 +16,8 @@ Url = Annotated[
 ]
 Type = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[a-z_]+(\.[a-z_]+)*$")]
 Description = Annotated[str, Field(max_length=255, pattern=r"^[^\x00-\x1f\x7f]*$")]
-TYPES = ", ".join((*ALARM_TYPES, *SCAN_TYPES))
+DeliveryState = Literal["waiting", "delivered", "given_up"]
+TYPES = ", ".join(MEANING)
 Types = Annotated[list[Type], Field(max_length=32, description=f"Types it wants, empty is all: {TYPES} …")]
 
 
@@ -34,7 +35,7 @@ class WebhookChange(Asked):
     url: Url | None = None
     types: Types | None = None
     description: Description | None = None
-    enabled: bool | None = None
+    enabled: StrictBool | None = None
 
 
 class SecretRotation(Asked):
@@ -79,7 +80,7 @@ class DeliveryDetail(BaseModel):
 
     id: str = Field(description="The same in every attempt: `webhook-id`.")
     type: str
-    state: Literal["waiting", "delivered", "given_up"]
+    state: DeliveryState
     attempts: int
     next_at: datetime | None = Field(description="When it is sent next; null when it is not.")
     created_at: datetime

@@ -16,6 +16,7 @@ PAGES = {
     "alarms": "Alarms",
     "new": "New scan",
     "schedules": "Schedules",
+    "webhooks": "Webhooks",
     "admin": "Service",
 }
 
@@ -61,7 +62,7 @@ def test_colours_follow_the_system_until_somebody_chooses(page: Page, gallery: t
     assert page.evaluate(background) == light
 
 
-@pytest.mark.parametrize("name", ["scans", "new", "plants", "scan"])
+@pytest.mark.parametrize("name", ["scans", "new", "plants", "webhooks", "schedules", "scan"])
 def test_a_phone_needs_no_scrolling_sideways(page: Page, gallery: tuple[str, str], name: str):
     page.set_viewport_size({"width": 375, "height": 740})
     page.goto(f"{gallery[0]}/#/{f'scans/{gallery[1]}' if name == 'scan' else name}")
@@ -76,7 +77,7 @@ def test_everything_that_takes_a_value_has_a_name(page: Page, gallery: tuple[str
         one.offsetParent && !one.labels?.length && !one.getAttribute('aria-label') && !one.textContent.trim()
         && !one.title)
         .map(one => one.outerHTML.slice(0, 120))"""
-    for name in ("scans", "new", "plants", "alarms", "admin", f"scans/{gallery[1]}/modes", f"scans/{gallery[1]}/cloud"):
+    for name in (*PAGES, f"scans/{gallery[1]}/modes", f"scans/{gallery[1]}/cloud"):
         page.goto(f"{gallery[0]}/#/{name}")
         expect(page.get_by_role("heading", level=1)).to_be_visible()
         page.wait_for_timeout(300)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from nerfmodal.types import Outcome, Reason
+from scanjobs.webhooks import MEANING
 
 FOLDER: Final = Path(__file__).parent
 PAGE: Final = "index.html"
@@ -67,10 +68,11 @@ def library() -> Library:
 
 
 def words() -> Mapping[str, Mapping[str, str]]:
-    """What the codes of a result mean, from the one place where that is written."""
+    """What codes of results and kinds of messages mean, from the one place where that is written."""
     return {
         "reasons": {reason.name: reason.value for reason in Reason},
         "outcomes": {outcome.name: outcome.value for outcome in Outcome},
+        "messages": MEANING,
     }
 
 

@@ -26,6 +26,7 @@ from services.api.schemas_webhooks import (
     DeliveryDetail,
     DeliveryLog,
     DeliveryPage,
+    DeliveryState,
     NewWebhook,
     NewWebhookRequest,
     SecretRotation,
@@ -110,6 +111,7 @@ def deliveries(
     webhook_id: WebhookId,
     parts: TheParts,
     owner: Owner,
+    state: DeliveryState | None = None,
     cursor: Annotated[str | None, Query(max_length=512)] = None,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
 ) -> DeliveryPage:
@@ -118,7 +120,8 @@ def deliveries(
     name = f"deliveries of {which}"
     before = cursor and parts.cursors.read(cursor, owner=owner, list_name=name)
     with parts.store.read() as session:
-        found = list_deliveries(session, get_endpoint(session, which, owner=owner), before=before, limit=limit + 1)
+        endpoint = get_endpoint(session, which, owner=owner)
+        found = list_deliveries(session, endpoint, state=state, before=before, limit=limit + 1)
     more = parts.cursors.write(found[limit - 1].id, owner=owner, list_name=name) if len(found) > limit else None
     return DeliveryPage(items=[DeliveryDetail.of(row) for row in found[:limit]], next_cursor=more)
 

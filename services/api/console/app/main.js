@@ -15,9 +15,14 @@ const PAGES = {
   alarms: { label: "Alarms", load: () => import("../pages/alarms.js") },
   new: { label: "New scan", load: () => import("../pages/new.js") },
   schedules: { label: "Schedules", load: () => import("../pages/schedules.js") },
+  webhooks: { label: "Webhooks", load: () => import("../pages/webhooks.js") },
   admin: { label: "Service", load: () => import("../pages/admin.js") },
 };
-const ONE = { scans: () => import("../pages/scan.js"), plants: () => import("../pages/plant.js") };
+const ONE = {
+  scans: () => import("../pages/scan.js"),
+  plants: () => import("../pages/plant.js"),
+  webhooks: () => import("../pages/webhook.js"),
+};
 const HOME = "plants";
 
 function Shell() {

@@ -33,12 +33,16 @@ export const SYMBOLS = {
   critical: "◆",
   missed: "✕",
   submitted: "✓",
+  waiting: "◷",
+  delivered: "✓",
+  given_up: "✕",
+  off: "○",
   none: "–",
 };
 
 let loaded = null;
 
-/** Reasons and outcomes, fetched once. */
+/** Reasons, outcomes and kinds of messages, fetched once. */
 export function words() {
   loaded ??= fetch(new URL("../words.json", import.meta.url)).then((answer) => answer.json());
   return loaded;

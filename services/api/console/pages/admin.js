@@ -1,13 +1,14 @@
 /**
- * The service itself: version, workers, API keys and webhooks.
+ * The service itself: version, workers and API keys.
  */
 import { html, useState } from "../app/html.js";
 import { get, post, remove } from "../app/api.js";
 import { ago, day } from "../app/format.js";
 import { useLoad } from "../app/hooks.js";
-import { Confirm, Dialog } from "../parts/dialog.js";
+import { Confirm } from "../parts/dialog.js";
 import { State } from "../parts/marks.js";
 import { Loaded, ProblemBox } from "../parts/problem.js";
+import { Secret } from "../parts/secret.js";
 
 export default function Admin() {
   const info = useLoad((signal) => get("/v1/info", {}, signal), []);
@@ -20,7 +21,7 @@ export default function Admin() {
         ${worker.host}: ${worker.slots} slots (${worker.queues.join(", ")})</div>`) : "none is alive: no step begins"}
         </dd></dl>`}<//>
     <p><a href="/docs">The API's own page</a></p>
-    <${Keys} /><${Webhooks} />`;
+    <${Keys} />`;
 }
 
 function Keys() {
@@ -48,7 +49,7 @@ function Keys() {
           key,
         ) => html`<tr key=${key.id}><td>${key.name}</td><td>${key.scopes.join(", ")}</td><td>${day(key.created_at)}</td>
           <td>${key.last_used_at ? ago(key.last_used_at) : "never"}</td>
-        <td><${State} of=${key.revoked_at ? "closed" : "succeeded"} word=${key.revoked_at ? "revoked" : "alive"} /></td>
+        <td><${State} of=${key.revoked_at ? "off" : "succeeded"} word=${key.revoked_at ? "revoked" : "alive"} /></td>
         <td>${!key.revoked_at && html`<button class="danger" onClick=${() => setDoomed(key)}>Revoke</button>`}</td>
           </tr>`,
       )}</tbody></table></div>`}<//>
@@ -56,51 +57,11 @@ function Keys() {
       ${["read", "submit", "admin"].map((scope) => html`<label class="row"><span>${scope}</span><input type="checkbox"
         name="scopes" value=${scope} checked=${scope !== "admin"} /></label>`)}<button>Make a key</button></form>
     <${ProblemBox} problem=${problem} />
-    <${Secret} secret=${secret} onClose=${() => setSecret("")} />
+    <${Secret} secret=${secret} what="The key" onClose=${() => setSecret("")} />
     <${Confirm} open=${doomed !== null} title="Revoke this key?" text=${`From now on "${doomed?.name}" opens nothing.`}
       yes="Revoke it" danger onClose=${() => setDoomed(null)}
       work=${async () => {
         await remove(`/v1/keys/${doomed.id}`);
         state.reload();
       }} />`;
-}
-
-function Secret({ secret, onClose }) {
-  return html`<${Dialog} open=${secret !== ""} title="Keep this secret now" onClose=${onClose}>
-    <p>It is shown this once and cannot be read again.</p><p><code>${secret}</code></p>
-    <div class="buttons"><button class="main" onClick=${onClose}>I have it</button></div><//>`;
-}
-
-function Webhooks() {
-  const state = useLoad((signal) => get("/v1/webhooks", {}, signal), []);
-  const [secret, setSecret] = useState("");
-  const [problem, setProblem] = useState(null);
-  const act = (work) => async (event) => {
-    event?.preventDefault();
-    try {
-      await work(event);
-      setProblem(null);
-      state.reload();
-    } catch (error) {
-      setProblem(error);
-    }
-  };
-  const make = act(async (event) =>
-    setSecret((await post("/v1/webhooks", { url: new FormData(event.target).get("url") })).secret),
-  );
-  return html`<h2>Webhooks and e-mail</h2><${Loaded} state=${state}>${({ items }) => html`<div class="scroll"><table>
-      <thead><tr><th scope="col">Address</th><th scope="col">Is told</th><th scope="col">State</th><th></th></tr>
-        </thead>
-      <tbody>${items.map(
-        (
-          hook,
-        ) => html`<tr key=${hook.id}><td>${hook.url}</td><td>${hook.types.length ? hook.types.join(", ") : "everything"}
-          </td>
-        <td><${State} of=${hook.enabled ? "succeeded" : "closed"} word=${hook.enabled ? "on" : "off"} /></td>
-        <td><button onClick=${act(() => post(`/v1/webhooks/${hook.id}/test`))}>Test</button> <button class="danger"
-          onClick=${act(() => remove(`/v1/webhooks/${hook.id}`))}>Delete</button></td></tr>`,
-      )}</tbody></table></div>`}<//>
-    <form class="filters" onSubmit=${make}><label>Address <input name="url" required placeholder="https://… or mailto:…"
-      size="40" /></label><button>Tell this address</button></form>
-    <${ProblemBox} problem=${problem} /><${Secret} secret=${secret} onClose=${() => setSecret("")} />`;
 }
