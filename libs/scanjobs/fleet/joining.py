@@ -38,9 +38,10 @@ def join(store: Store, artifacts: ArtifactStore, plant_key: str) -> bool:
     whole = len(unread) < MOST
 
     def work(session: Session) -> None:
-        keep_results(session, plant_key, results)
+        # held before anything is written: two workers that have read the same scan keep it one after the other
         held = session.get(Plant, plant_key, with_for_update=True, populate_existing=True)
         if held is not None:
+            keep_results(session, plant_key, results)
             join_plant(session, held, up_to=plant.touched if whole else None)
 
     store.write(work)
