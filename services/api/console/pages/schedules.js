@@ -1,82 +1,125 @@
 /**
- * Scans that come again: when, of which plant, whether the last was submitted or missed.
+ * Scans that come again: when, of which plant, whether the last was submitted or missed; changed where they stand.
  */
-import { html, useState } from "../app/html.js";
+import { Fragment, html, useState } from "../app/html.js";
 import { get, patch, post, remove } from "../app/api.js";
 import { ago, counted, moment } from "../app/format.js";
 import { useLoad } from "../app/hooks.js";
 import { to } from "../app/router.js";
+import { useAct } from "../parts/act.js";
 import { Confirm } from "../parts/dialog.js";
 import { State } from "../parts/marks.js";
+import { Pager } from "../parts/pager.js";
 import { Loaded, ProblemBox } from "../parts/problem.js";
 import { tell } from "../parts/told.js";
+import { pick } from "./scans.js";
+import { ScheduleFields, changed, said } from "./schedule_fields.js";
 
-export default function Schedules() {
-  const state = useLoad((signal) => get("/v1/schedules", { limit: 200 }, signal), []);
-  const [doomed, setDoomed] = useState(null);
-  const pause = async (one) => {
-    await patch(`/v1/schedules/${one.id}`, { enabled: !one.enabled });
-    state.reload();
-  };
+const COLUMNS = 5;
+const MOST_RUNS = 14;
+
+export default function Schedules({ query }) {
+  const asked = { ...pick(query, ["plant", "cursor"]), limit: 50 };
+  const state = useLoad((signal) => get("/v1/schedules", asked, signal), [JSON.stringify(asked)]);
   return html`<h1>Schedules</h1>
     <${Loaded} state=${state}>${(page) => html`
-      ${page.items.length === 0 && html`<p class="wait">No plant is scanned by itself yet.</p>`}
       ${
-        page.items.length > 0 &&
-        html`<div class="scroll"><table>
-        <caption class="hidden-label">${counted(page.items.length, "schedule")}</caption>
-        <thead><tr><th scope="col">Plant</th><th scope="col">When</th><th scope="col">Next</th><th scope="col">Last</th>
-          <th scope="col"></th></tr></thead>
-        <tbody>${page.items.map(
-          (one) => html`<tr key=${one.id}>
-          <td><a href=${to(["plants", one.plant])}>${one.plant}</a></td>
-          <td>${one.cron ? html`<code>${one.cron}</code> ${one.time_zone}` : `every ${one.every_hours} h`}</td>
-          <td>${one.enabled ? html`<time title=${moment(one.next_due_at)}>${ago(one.next_due_at)}</time>` : "paused"}
-            </td>
-          <td>${one.last ? html`<${State} of=${one.last.state} /> ${one.last.scan ? html`<a
-            href=${to(["scans", one.last.scan])}>${ago(one.last.due_at)}
-            </a>` : `${ago(one.last.due_at)} ${one.last.reason ?? ""}`}` : "–"}</td>
-          <td><button onClick=${() => pause(one)}>${one.enabled ? "Pause" : "Go on"}</button> <button class="danger"
-            onClick=${() => setDoomed(one)}>Delete</button></td>
-        </tr>`,
-        )}</tbody></table></div>`
-      }`}<//>
-    <${NewSchedule} onMade=${state.reload} />
+        page.items.length
+          ? html`<${Table} items=${page.items} onChange=${state.reload} />`
+          : html`<p class="wait">No plant is scanned by itself yet.</p>`
+      }<${Pager} next=${page.next_cursor} />`}<//>
+    <${NewSchedule} onMade=${state.reload} />`;
+}
+
+function Table({ items, onChange }) {
+  const [doomed, setDoomed] = useState(null);
+  return html`<div class="scroll"><table class="schedules">
+      <caption class="hidden-label">${counted(items.length, "schedule")}</caption>
+      <thead><tr><th scope="col">Plant</th><th scope="col">When</th><th scope="col">Next</th><th scope="col"
+        class="aside">Last</th><th scope="col"><span class="hidden-label">Actions</span></th></tr></thead>
+      <tbody>${items.map(
+        (one) => html`<${Row} key=${one.id} one=${one} onChange=${onChange} onDelete=${() => setDoomed(one)} />`,
+      )}</tbody></table></div>
     <${Confirm} open=${doomed !== null} title="Delete this schedule?"
       text=${`Scans of ${doomed?.plant} are no longer begun by themselves; those that were made stay.`}
-      yes="Delete it" danger
+      yes="Delete it" danger onClose=${() => setDoomed(null)}
       work=${async () => {
         await remove(`/v1/schedules/${doomed.id}`);
-        state.reload();
-      }} onClose=${() => setDoomed(null)} />`;
+        onChange();
+      }} />`;
+}
+
+function Row({ one, onChange, onDelete }) {
+  const [open, setOpen] = useState(false);
+  const act = useAct();
+  const pause = () =>
+    act.run(async () => {
+      await patch(`/v1/schedules/${one.id}`, { enabled: !one.enabled });
+      onChange();
+    });
+  const onKept = () => {
+    setOpen(false);
+    onChange();
+  };
+  return html`<${Fragment}><tr data-schedule=${one.id}>
+      <td><a href=${to(["plants", one.plant])}>${one.plant}</a></td>
+      <td>${one.cron ? html`<code>${one.cron}</code> ${one.time_zone}` : `every ${one.every_hours} h`}</td>
+      <td>${one.enabled ? html`<time title=${moment(one.next_due_at)}>${ago(one.next_due_at)}</time>` : "paused"}</td>
+      <td class="aside">${one.last ? html`<${Run} run=${one.last} />` : "–"}</td>
+      <td><div class="buttons tight"><button aria-expanded=${open} aria-controls=${`edit-${one.id}`}
+        aria-label=${`Change the schedule of ${one.plant}`} onClick=${() => setOpen(!open)}>Change</button>
+        <button onClick=${pause} disabled=${act.busy}>${one.enabled ? "Pause" : "Go on"}</button>
+        <button class="danger" onClick=${onDelete}>Delete</button></div><${ProblemBox} problem=${act.problem} /></td>
+    </tr>
+    ${open && html`<tr class="detail" id=${`edit-${one.id}`}><td colspan=${COLUMNS}><${Edit} one=${one} onKept=${onKept}
+      onLeft=${() => setOpen(false)} /></td></tr>`}<//>`;
+}
+
+function Run({ run }) {
+  const when = html`<time datetime=${run.due_at} title=${moment(run.due_at)}>${ago(run.due_at)}</time>`;
+  return html`<${State} of=${run.state} /> ${
+    run.scan ? html`<a href=${to(["scans", run.scan])}>${when}</a>` : html`${when} ${run.reason ?? ""}`
+  }`;
+}
+
+/** The schedule's fields where it stands, and what became of its last times. */
+function Edit({ one, onKept, onLeft }) {
+  const act = useAct();
+  const runs = useLoad((signal) => get(`/v1/schedules/${one.id}/runs`, { limit: MOST_RUNS }, signal), [one.id]);
+  const onSubmit = (event) => {
+    event.preventDefault();
+    act.run(async () => {
+      const changes = changed(one, said(event.target));
+      if (Object.keys(changes).length) await patch(`/v1/schedules/${one.id}`, changes);
+      tell(Object.keys(changes).length ? "The schedule is changed." : "Nothing was changed.");
+      onKept();
+    });
+  };
+  return html`<form onSubmit=${onSubmit} aria-label=${`Schedule of ${one.plant}`}>
+      <${ScheduleFields} schedule=${one} /><p class="small">Another time counts from now.</p>
+      <${ProblemBox} problem=${act.problem} />
+      <div class="buttons"><button type="button" onClick=${onLeft}>Leave it</button><button class="main"
+        disabled=${act.busy}>Keep the changes</button></div></form>
+    <h3>Its last times</h3>
+    <${Loaded} state=${runs}>${({ items }) =>
+      items.length
+        ? html`<ul class="runs">${items.map((run) => html`<li key=${run.due_at}><${Run} run=${run} /></li>`)}</ul>`
+        : html`<p class="soft">None has come yet.</p>`}<//>`;
 }
 
 function NewSchedule({ onMade }) {
-  const [problem, setProblem] = useState(null);
-  const onSubmit = async (event) => {
+  const act = useAct();
+  const onSubmit = (event) => {
     event.preventDefault();
-    const said = Object.fromEntries(new FormData(event.target));
-    try {
-      const when = said.cron
-        ? { cron: said.cron, time_zone: said.time_zone || "UTC" }
-        : { every_hours: Number(said.every_hours) };
-      await post("/v1/schedules", { plant: said.plant, ...when, spec: JSON.parse(said.spec) });
-      setProblem(null);
+    act.run(async () => {
+      const plant = new FormData(event.target).get("plant");
+      await post("/v1/schedules", { plant, ...said(event.target) });
       tell("The schedule is made.");
       onMade();
-    } catch (error) {
-      setProblem(error);
-    }
+    });
   };
   return html`<details class="card"><summary>New schedule</summary><form onSubmit=${onSubmit}>
-    <div class="fields"><label>Plant <input name="plant" required pattern="[A-Za-z0-9][A-Za-z0-9_.\\-]*" /></label>
-      <label>Every so many hours <input type="number" name="every_hours" min="0.1" step="any" value="12" /></label>
-      <label>or as cron writes it <input name="cron" placeholder="0 6,18 * * *" /></label><label>Time zone <input
-        name="time_zone" placeholder="UTC" /></label></div>
-    <label>Specification as JSON, without the plant; <code>{plant}</code>, <code>{date}</code> and <code>{time}
-      </code> stand for themselves in a path
-      <textarea class="spec" name="spec" required
-        spellcheck="false">{"source": {"kind": "capture", "path": "incoming/{plant}/{date}"}}</textarea></label>
-    <${ProblemBox} problem=${problem} /><div class="buttons"><button class="main">Make the schedule</button></div>
-      </form></details>`;
+    <div class="fields"><label>Plant <input name="plant" required pattern="[A-Za-z0-9][A-Za-z0-9_.\\-]*" /></label></div>
+    <${ScheduleFields} /><${ProblemBox} problem=${act.problem} />
+    <div class="buttons"><button class="main" disabled=${act.busy}>Make the schedule</button></div></form></details>`;
 }

@@ -14,13 +14,13 @@ export function WebhookFields({ hook }) {
   }, []);
   const others = (hook?.types ?? []).filter((type) => !known.some(([name]) => name === type));
   return html`<div class="fields">
-    <label>Address <input name="url" required maxlength="2000" placeholder="https://… or mailto:…" value=${hook?.url ?? ""}
+    <label>Address <input name="url" required maxlength="2000" placeholder="https://… or mailto:…" defaultValue=${hook?.url ?? ""}
       /></label>
-    <label>What it is for <input name="description" maxlength="255" value=${hook?.description ?? ""} /></label></div>
+    <label>What it is for <input name="description" maxlength="255" defaultValue=${hook?.description ?? ""} /></label></div>
     <fieldset><legend>Is told of (none chosen: of everything)</legend><div class="ticks">
       ${[...known, ...others.map((type) => [type, ""])].map(
         ([type, what]) => html`<label class="row" key=${type}><input type="checkbox" name="types" value=${type}
-          checked=${hook?.types.includes(type)} /><span><code>${type}</code> <span class="small">${what}</span></span></label>`,
+          defaultChecked=${hook?.types.includes(type)} /><span><code>${type}</code> <span class="small">${what}</span></span></label>`,
       )}</div></fieldset>`;
 }
 
