@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 from PIL import Image
 from scanjobs.artifacts import ArtifactStore
-from scanjobs.migrate import upgrade
 from scanjobs.settings import Settings
 from scanjobs.store import open_store
 from scanjobs.tables import Scan, Step
 from starlette.testclient import TestClient
 
 from services.api.app import create_app
+from tests.conftest import copy_database
 
 GROWTH_BYTES = 50 * 10**6
 IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -43,10 +43,10 @@ class Door:
 
 
 @pytest.fixture
-def door(tmp_path: Path) -> Iterator[Door]:
+def door(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Door]:
     settings = Settings(data_folder=tmp_path / "data", capture_roots=(tmp_path / "roots",))
     (tmp_path / "roots").mkdir()
-    upgrade(settings.database)
+    copy_database(migrated_sqlite, settings.data_folder)
     store = open_store(settings.database)
 
     def counts() -> tuple[int, int]:

@@ -22,7 +22,6 @@ from scanjobs.account_tables import WebhookAttempt, WebhookDelivery, WebhookEndp
 from scanjobs.addresses import AddressRefused, judge
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.control import cancel_scan
-from scanjobs.migrate import upgrade
 from scanjobs.settings import Settings
 from scanjobs.store import Store, open_store
 from scanjobs.webhooks import DAY_S, LONGEST_PAUSE_S, claim_due, pause_s, record
@@ -33,6 +32,7 @@ from starlette.testclient import TestClient
 
 from services.api.app import create_app
 from services.api.deliveries import Deliveries
+from tests.conftest import copy_database
 from tests.faults.private_addresses import PRIVATE
 from tests.integration.toy_service import toy_spec
 
@@ -108,9 +108,9 @@ class Post:
 
 
 @pytest.fixture
-def post(tmp_path: Path) -> Iterator[Post]:
+def post(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Post]:
     settings = Settings(data_folder=tmp_path / "data", webhooks_to_private_addresses=True)
-    upgrade(settings.database)
+    copy_database(migrated_sqlite, settings.data_folder)
     store = open_store(settings.database)
     app = create_app(settings, store, ArtifactStore(settings.artifacts))
     yield Post(TestClient(app), store, settings)  # not entered: nothing is sent but by hand

@@ -11,20 +11,19 @@ from nerfmodal.spec import ScanSpec
 from scanjobs import intake, repository
 from scanjobs.errors import IdempotencyConflict
 from scanjobs.intake import Asked, Idempotency, Submission
-from scanjobs.migrate import upgrade
 from scanjobs.store import Store, open_store
 from sqlalchemy.exc import DataError, OperationalError
 
 from services.api.intake import Intake
+from tests.conftest import copy_database
 from tests.unit.api.service import simulation
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Store]:
     """An empty database."""
-    url = f"sqlite:///{tmp_path / 'test.db'}"
-    upgrade(url)
-    opened = open_store(url)
+    copy_database(migrated_sqlite, tmp_path)
+    opened = open_store(f"sqlite:///{tmp_path / 'nerfmodal.db'}")
     yield opened
     opened.close()
 

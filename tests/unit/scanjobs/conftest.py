@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 from nerfmodal.spec import ScanSpec
-from scanjobs.migrate import upgrade
 from scanjobs.store import Store, open_store
+
+from tests.conftest import copy_database
 
 MOTION = {"organ": "trunk", "shape": "bending_1", "frequency_hz": 1.0, "amplitude_m": 0.01}
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Store]:
     """An empty database."""
-    url = f"sqlite:///{tmp_path / 'test.db'}"
-    upgrade(url)
-    opened = open_store(url)
+    copy_database(migrated_sqlite, tmp_path)
+    opened = open_store(f"sqlite:///{tmp_path / 'nerfmodal.db'}")
     yield opened
     opened.close()
 
