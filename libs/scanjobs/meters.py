@@ -192,8 +192,11 @@ def _count(tally: Tally, attempt: Row, step: Row, size: int) -> None:
         tally.add("lease_expiries", kind=step.kind)
     if step.ready_at is not None and attempt.started_at >= step.ready_at:
         tally.observe("dispatch_lag_seconds", attempt.started_at - step.ready_at, LAG_EDGES, queue=step.queue)
-    if outcome == "succeeded":
-        tally.observe("step_seconds", max(0.0, attempt.ended_at - attempt.started_at), STEP_EDGES, kind=step.kind)
+    seconds = max(0.0, attempt.ended_at - attempt.started_at)
+    if outcome != "succeeded":
+        tally.add("lost_seconds", seconds, kind=step.kind, outcome=outcome)
+    else:
+        tally.observe("step_seconds", seconds, STEP_EDGES, kind=step.kind)
         tally.add("artifact_bytes_written", size, kind=step.kind)
         tally.add("rays", float((step.facts or {}).get("rays", 0)))
 

@@ -34,6 +34,7 @@ COUNTERS: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
     "attempts": ("Claims of steps that have ended.", ("kind", "outcome")),
     "retries": ("Ended claims that were not the first of their step.", ("kind",)),
     "lease_expiries": ("Steps taken from a worker that was not heard of any more.", ("kind",)),
+    "lost_seconds": ("Wall time of claims that came to nothing.", ("kind", "outcome")),
     "artifact_bytes_written": ("Bytes of accepted results.", ("kind",)),
     "rays": ("Rays marched by accepted trainings.", ()),
     "scans_ended": ("Scans that have ended.", ("state",)),

@@ -7,6 +7,7 @@ from nerfmodal.spec import ScanSpec
 from pydantic import BaseModel, Field
 from scanjobs.repository import KindSummary, StoredFile
 from scanjobs.states import ScanState
+from scanjobs.step_times import StepTimes
 from scanjobs.tables import Scan, Step, Worker
 
 Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
@@ -129,11 +130,18 @@ class StepDetail(BaseModel):
     message: str
     error: Failure | None
     facts: dict[str, Any] | None = Field(description="What the step says of its result: PSNR, points, frames.")
-    started_at: datetime | None
+    started_at: datetime | None = Field(description="Of the last attempt.")
     finished_at: datetime | None
+    waited_s: float | None = Field(
+        description="Seconds that it could have been computed and was in no slot; null before it could."
+    )
+    run_s: float | None = Field(description="Seconds of the attempt that counts; null where there is none.")
+    lost_s: float = Field(
+        description="Seconds of attempts that came to nothing: failed, given back, or their worker was lost."
+    )
 
     @classmethod
-    def of(cls, row: Step) -> "StepDetail":
+    def of(cls, row: Step, times: StepTimes) -> "StepDetail":
         return cls(
             id=row.id,
             step=row.kind,
@@ -147,6 +155,9 @@ class StepDetail(BaseModel):
             facts=row.facts,
             started_at=instant(row.started_at),
             finished_at=instant(row.finished_at),
+            waited_s=times.waited_s,
+            run_s=times.run_s,
+            lost_s=times.lost_s,
         )
 
 

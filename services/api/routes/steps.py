@@ -7,6 +7,7 @@ from scanjobs.log_lines import read_lines
 from scanjobs.repository import get_scan
 from scanjobs.states import StepState
 from scanjobs.step_pages import StepPlace, page_of_steps, place_of
+from scanjobs.step_times import times_of
 
 from services.api.dependencies import Owner, ScanId, TheParts, uuid_of
 from services.api.schemas import StepDetail
@@ -33,8 +34,9 @@ def list_(
     with parts.store.read() as session:
         scan = get_scan(session, scan_id, owner=owner)
         rows = page_of_steps(session, scan, after=after, kind=kind, states=state or (), limit=limit + 1)
+        times = times_of(session, scan, rows[:limit])
     more = parts.cursors.write(place_of(rows[limit - 1]), owner=owner, list_name=name) if len(rows) > limit else None
-    return StepPage(items=[StepDetail.of(row) for row in rows[:limit]], next_cursor=more)
+    return StepPage(items=[StepDetail.of(row, times[row.id]) for row in rows[:limit]], next_cursor=more)
 
 
 @router.get("/logs")
