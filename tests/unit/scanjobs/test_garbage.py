@@ -49,6 +49,10 @@ def finished_scan(store: Store, spec: ScanSpec, made: Stored) -> str:
 
 
 def test_only_old_files_without_a_reference_go(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guards: age and reference.
+
+    Seen to fail: at any age the file of a moment ago goes; with `needed` not asked, the used one.
+    """
     used, unused = stored(files, "used"), stored(files, "unused")
     finished_scan(store, spec, used)
     assert collect_garbage(store, files) == ()
@@ -58,12 +62,17 @@ def test_only_old_files_without_a_reference_go(store: Store, spec: ScanSpec, fil
 
 
 def test_empty_database_is_not_believed(store: Store, files: ArtifactStore) -> None:
+    """Guard: the count of scans in `collect_garbage`. Seen to fail: without it the file goes."""
     kept = stored(files, "kept")
     assert collect_garbage(store, files, older_than_s=-1.0) == ()
     assert set(files.digests()) == {kept.digest}
 
 
 def test_files_of_a_deleted_scan_go_unless_a_fork_has_them(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guards: `delete_scan` drops its own references alone; what anybody refers to is needed.
+
+    Seen to fail: with the references left the file stays for ever; with `needed` not asked the fork loses it.
+    """
     made = stored(files, "made")
     scan_id = finished_scan(store, spec, made)
     fork = store.write(lambda session: control.fork_scan(session, scan_id, spec))
@@ -77,6 +86,7 @@ def test_files_of_a_deleted_scan_go_unless_a_fork_has_them(store: Store, spec: S
 
 
 def test_scan_that_runs_cannot_be_deleted(store: Store, spec: ScanSpec) -> None:
+    """Guard: `SCAN_MOVES`. Seen to fail: with `deleting` among the moves of a queued scan."""
     scan = store.write(lambda session: repository.insert_scan(session, spec)).scan
     with pytest.raises(IllegalTransition):
         store.write(lambda session: control.delete_scan(session, scan.id))
@@ -107,6 +117,11 @@ def compute_all(store: Store, files: ArtifactStore) -> dict[str, str]:
 
 
 def test_checkpoints_go_and_results_stay(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guards: age, role, and `_needed`, which leaves the dropped out.
+
+    Seen to fail: without the age all four go at once; without the roles in `_drop` and `_is_of_use` eleven files are
+    dropped instead of four.
+    """
     _, made = trained_scan(store, spec, files)
     assert drop_checkpoints(store, 60.0) == 0
     assert drop_checkpoints(store, -1.0) == 4
@@ -117,6 +132,10 @@ def test_checkpoints_go_and_results_stay(store: Store, spec: ScanSpec, files: Ar
 
 
 def test_fork_after_retention_still_trains_nothing(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guard: a dropped file keeps its row and its references (`_forget`).
+
+    Seen to fail: with them deleted all is trained.
+    """
     scan_id, _ = trained_scan(store, spec, files)
     drop_checkpoints(store, -1.0)
     collect_garbage(store, files, older_than_s=-1.0)
@@ -128,6 +147,7 @@ def test_fork_after_retention_still_trains_nothing(store: Store, spec: ScanSpec,
 def test_retry_that_needs_dropped_checkpoints_makes_them_and_no_others(
     store: Store, spec: ScanSpec, files: ArtifactStore
 ) -> None:
+    """Guard: `control._missing`. Seen to fail: with nothing missing the frame is extracted from a file that is gone."""
     scan_id, _ = trained_scan(store, spec, files)
     drop_checkpoints(store, -1.0)
     store.write(lambda session: control.retry_scan(session, scan_id, from_kind=IDENTIFY))
@@ -137,7 +157,10 @@ def test_retry_that_needs_dropped_checkpoints_makes_them_and_no_others(
 
 
 def test_checkpoint_of_a_lost_frame_is_kept_for_its_retry(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
-    """The shared checkpoint too: the lost frame's training starts from it."""
+    """The shared checkpoint too: the lost frame's training starts from it.
+
+    Guard: `unfinished` in `_is_of_use`. Seen to fail: without it the shared checkpoint is dropped as well.
+    """
     identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
     store.write(lambda session: workers.register(session, identity, 600.0))
     losing = spec.model_copy(update={"max_failed_frames": 1})
@@ -154,6 +177,10 @@ def test_checkpoint_of_a_lost_frame_is_kept_for_its_retry(store: Store, spec: Sc
 
 
 def test_what_a_live_step_has_saved_is_no_garbage(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guards: `saved` in `_needed`, and that only a claim that is held saves (`leases.save`).
+
+    Seen to fail: without the first half a training goes; without the second a step that has ended saves.
+    """
     identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
     store.write(lambda session: workers.register(session, identity, 600.0))
     store.write(lambda session: repository.insert_scan(session, spec))
@@ -169,7 +196,24 @@ def test_what_a_live_step_has_saved_is_no_garbage(store: Store, spec: ScanSpec, 
     assert collect_garbage(store, files, older_than_s=-1.0) == (saved.digest,)
 
 
+def test_what_a_cancelled_step_has_saved_is_garbage(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
+    """Guard: the states in `saved` of `_needed`. Seen to fail: without them it is kept for ever."""
+    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
+    store.write(lambda session: workers.register(session, identity, 600.0))
+    scan_id = store.write(lambda session: repository.insert_scan(session, spec)).scan.id
+    message = store.write(dispatch.dispatch)[0]
+    claim = store.write(lambda session: leases.claim(session, message.step_id, "w", 60.0))
+    assert claim is not None
+    saved = stored(files, "half a training")
+    output = Output(role="resume", name="n", digest=saved.digest, size=saved.size, media_type="x")
+    assert store.write(lambda session: leases.save(session, claim, output))
+    store.write(lambda session: control.cancel_scan(session, scan_id))
+    assert store.write(lambda session: leases.stopped(session, claim))
+    assert collect_garbage(store, files, older_than_s=-1.0) == (saved.digest,)
+
+
 def test_chore_is_done_by_one_of_many_once_in_its_interval(store: Store) -> None:
+    """Guard: `begun_at` in `is_mine`. Seen to fail: without it everybody does it."""
     assert [store.write(lambda session: is_mine(session, "collect", 60.0)) for _ in range(3)] == [True, False, False]
     assert store.write(lambda session: is_mine(session, "collect", 0.0))
     assert store.write(lambda session: is_mine(session, "other", 60.0))

@@ -32,6 +32,7 @@ def confined(root: Path) -> Settings:
 
 @pytest.mark.parametrize("path", ["fox", "./fox", "fox/../fox", "stays"])
 def test_paths_inside_are_resolved(root: Path, path: str) -> None:
+    """Guard: `resolve` in `_inside`. Seen to fail: joined alone, the path of a link is the link's."""
     assert resolve_source_path(confined(root), path) == (root / "fox").resolve()
     assert resolve_source_path(confined(root), str(root / path)) == (root / "fox").resolve()
 
@@ -40,6 +41,12 @@ def test_paths_inside_are_resolved(root: Path, path: str) -> None:
     "path", ["..", "../secret", "leaves", "loop", "/etc", "fox/../../secret", "../root-of-another", "nothing", "a\x00b"]
 )
 def test_paths_that_leave_or_lead_nowhere_are_refused(root: Path, path: str) -> None:
+    """Guards, each of them in `_inside` but for the zero byte.
+
+    Seen to fail: without `is_relative_to` the secret beside the root is found; with `startswith` in its place
+    `root-of-another` is; without `strict` what does not exist is; without `RuntimeError` a loop of links raises; and
+    without its own question a zero byte does.
+    """
     with pytest.raises(SourceOutsideRoots) as refusal:
         resolve_source_path(confined(root), path)
     assert refusal.value.where == "/source/path"
@@ -48,6 +55,7 @@ def test_paths_that_leave_or_lead_nowhere_are_refused(root: Path, path: str) -> 
 
 @given(parts=st.lists(st.sampled_from(["..", ".", "fox", "stays", "leaves", "secret", "root", "/"]), max_size=6))
 def test_no_spelling_escapes(root: Path, parts: list[str]) -> None:
+    """Guard: `is_relative_to`. Seen to fail: without it hypothesis finds `..`."""
     try:
         found = resolve_source_path(confined(root), "/".join(parts))
     except SourceOutsideRoots:
@@ -56,6 +64,10 @@ def test_no_spelling_escapes(root: Path, parts: list[str]) -> None:
 
 
 def test_specification_carries_the_resolved_path(root: Path) -> None:
+    """Guard: `confine_source`, so that a worker need not follow a link that leads elsewhere by then.
+
+    Seen to fail: with the specification as it came its path is the link's.
+    """
     spec = ScanSpec.model_validate({"source": {"kind": "capture", "path": "stays"}})
     source = confine_source(confined(root), spec).source
     assert source.kind == "capture"
@@ -75,5 +87,6 @@ def test_other_owners_read_from_the_folder_of_their_name_alone(root: Path) -> No
 
 
 def test_roots_come_from_one_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Guard: `Settings._split_roots`. Seen to fail: without it there is one root called `/a:/b`."""
     monkeypatch.setenv("NERFMODAL_CAPTURE_ROOTS", "/a:/b")
     assert Settings().capture_roots == (Path("/a"), Path("/b"))
