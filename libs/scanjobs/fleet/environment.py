@@ -231,9 +231,13 @@ def _rank(name: str) -> tuple[int, str]:
 
 def _at_moments(at: np.ndarray, column: np.ndarray, moments: np.ndarray, near_s: float) -> np.ndarray:
     known = np.isfinite(column)
-    if not known.any():
+    return between_known(at[known], column[known], moments, near_s)
+
+
+def between_known(times: np.ndarray, values: np.ndarray, moments: np.ndarray, near_s: float = NEAR_S) -> np.ndarray:
+    """Values at `moments` from those known at `times`, ascending: see `at_moments`."""
+    if not len(times):
         return np.full(len(moments), np.nan)
-    times, values = at[known], column[known]
     after = np.searchsorted(times, moments).clip(0, len(times) - 1)
     before = (after - 1).clip(0)
     distance = np.minimum(np.abs(times[after] - moments), np.abs(times[before] - moments))

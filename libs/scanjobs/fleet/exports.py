@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -14,7 +14,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from scanjobs.fleet.environment import values_of
-from scanjobs.fleet.long_table import COLUMNS, NUMBERS, TRAITS, Extent, long_rows, plants_of
+from scanjobs.fleet.long_rows import long_rows
+from scanjobs.fleet.long_table import COLUMNS, NUMBERS, TRAITS, Extent, plants_of
 from scanjobs.fleet.tables import Alarm, Environment, Plant, PlantEvent
 from scanjobs.store import Store
 
@@ -30,13 +31,17 @@ Row = Mapping[str, Any]
 
 def csv_of(rows: Iterable[Row], columns: Iterable[str]) -> Iterator[bytes]:
     """A table as CSV (RFC 4180, UTF-8), in chunks; nothing stands for what is not known."""
-    names, rows = tuple(columns), iter(rows)
-    buffer = io.StringIO(newline="")
-    writer = csv.DictWriter(buffer, names, extrasaction="ignore")
-    writer.writeheader()
+    names = tuple(columns)
+    return _written(([_plain(row.get(name)) for name in names] for row in rows), names)
+
+
+def _written(rows: Iterable[Sequence[Any]], columns: Sequence[str]) -> Iterator[bytes]:
+    rows, buffer = iter(rows), io.StringIO(newline="")
+    writer = csv.writer(buffer)
+    writer.writerow(columns)
     while True:
         chunk = list(islice(rows, CHUNK))
-        writer.writerows({name: _plain(row.get(name)) for name in names} for row in chunk)
+        writer.writerows(chunk)
         yield buffer.getvalue().encode()
         buffer.seek(0)
         buffer.truncate()
@@ -45,44 +50,47 @@ def csv_of(rows: Iterable[Row], columns: Iterable[str]) -> Iterator[bytes]:
 
 
 def observations_csv(store: Store, extent: Extent) -> Iterator[bytes]:
-    """The long table of an extent, in chunks, with a session of its own."""
-    with store.read() as session:
-        yield from csv_of(long_rows(session, extent), COLUMNS)
+    """The long table of an extent, in chunks."""
+    return _written(long_rows(store, extent, _plain), COLUMNS)
 
 
-def write_parquet(session: Session, extent: Extent, path: Path) -> None:
+def write_parquet(store: Store, extent: Extent, path: Path) -> None:
     """The long table as Parquet: words as text, numbers as doubles, `at` as a moment in UTC."""
     import pyarrow as pa  # here: who exports nothing need not wait for it
     import pyarrow.parquet as pq
 
     kinds = {name: pa.float64() for name in NUMBERS} | {"at": pa.timestamp("ms", tz="UTC")}
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in COLUMNS])
-    rows = long_rows(session, extent)
+    rows, at = long_rows(store, extent), COLUMNS.index("at")
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
         while chunk := list(islice(rows, 10 * CHUNK)):
-            table = [row | {"at": datetime.fromisoformat(row["at"])} for row in chunk]
-            writer.write_table(pa.Table.from_pylist(table, schema=schema))
+            columns = list(zip(*chunk, strict=True))
+            columns[at] = tuple(map(datetime.fromisoformat, columns[at]))
+            writer.write_table(pa.table(columns, schema=schema))
 
 
-def write_crate(session: Session, extent: Extent, path: Path) -> None:
+def write_crate(store: Store, extent: Extent, path: Path) -> None:
     """A study as an RO-Crate: tables as CSV, each described in ro-crate-metadata.json."""
     tables: tuple[tuple[str, str, Callable[[Session, Extent], Iterator[bytes]]], ...] = (
-        ("observations.csv", "Modes of every scan, one row per plant × scan × track × trait", _observations),
         ("plants.csv", "The plants with their factors (MIAPPE observation units)", _plants),
         ("environment.csv", "Surroundings by plant, and of the whole house", _environment),
         ("events.csv", "What was done to the plants", _events),
         ("alarms.csv", "What was not as it should be", _alarms),
     )
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        files = []
-        for name, what, write in tables:
-            size = 0
-            with archive.open(_member(name), "w") as file:
-                for chunk in write(session, extent):
-                    size += file.write(chunk)
-            files.append(_file_entity(name, what, size))
+        name, what = "observations.csv", "Modes of every scan, one row per plant × scan × track × trait"
+        files = [_file_entity(name, what, _write(archive, name, observations_csv(store, extent)))]
+        for name, what, chunks in tables:
+            with store.read() as session:
+                files.append(_file_entity(name, what, _write(archive, name, chunks(session, extent))))
         document = json.dumps(crate_document(extent, files), indent=2, ensure_ascii=False)
         archive.writestr(_member("ro-crate-metadata.json"), document)
+
+
+def _write(archive: zipfile.ZipFile, name: str, chunks: Iterable[bytes]) -> int:
+    """A member of the archive; returns how many bytes it has."""
+    with archive.open(_member(name), "w") as file:
+        return sum(file.write(chunk) for chunk in chunks)
 
 
 def _member(name: str) -> zipfile.ZipInfo:
@@ -137,10 +145,6 @@ def _file_entity(name: str, what: str, size: int) -> dict[str, Any]:
         "encodingFormat": "text/csv",
         "contentSize": str(size),
     }
-
-
-def _observations(session: Session, extent: Extent) -> Iterator[bytes]:
-    return csv_of(long_rows(session, extent), COLUMNS)
 
 
 def _plants(session: Session, extent: Extent) -> Iterator[bytes]:

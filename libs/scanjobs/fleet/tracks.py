@@ -44,7 +44,12 @@ def get_track(session: Session, track_id: str, *, owner: str) -> tuple[Plant, Tr
 
 def name_of(track: Track) -> str:
     """What a person calls it, or organ and number."""
-    return track.name or f"{track.organ} · {track.number}"
+    return called(track.name, track.organ, track.number)
+
+
+def called(name: str | None, organ: str, number: int) -> str:
+    """What a person calls a track, or its organ and number."""
+    return name or f"{organ} · {number}"
 
 
 def ratio_of(track: Track) -> tuple[float | None, float | None]:

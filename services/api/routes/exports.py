@@ -1,7 +1,6 @@
 """Files of a fleet: the long table, and a study as an RO-Crate."""
 
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -45,10 +44,11 @@ def observations(
         until=until.timestamp() if until else None,
     )
     if format == "csv":
-        return StreamingResponse(_chunks(parts, extent), media_type="text/csv", headers=_saved_as("observations.csv"))
+        return StreamingResponse(
+            observations_csv(parts.store, extent), media_type="text/csv", headers=_saved_as("observations.csv")
+        )
     path = _temporary(".parquet")
-    with parts.store.read() as session:
-        write_parquet(session, extent, path)
+    write_parquet(parts.store, extent, path)
     return _sent(path, PARQUET, "observations.parquet")
 
 
@@ -56,13 +56,8 @@ def observations(
 def crate(parts: TheParts, owner: Owner, study: Study = None) -> Response:
     """A study as an RO-Crate 1.1 in a zip archive: its tables, and ro-crate-metadata.json that describes them."""
     path = _temporary(".zip")
-    with parts.store.read() as session:
-        write_crate(session, Extent(owner=owner, study=study), path)
+    write_crate(parts.store, Extent(owner=owner, study=study), path)
     return _sent(path, ZIP, "ro-crate.zip")
-
-
-def _chunks(parts: TheParts, extent: Extent) -> Iterator[bytes]:
-    return observations_csv(parts.store, extent)
 
 
 def _temporary(suffix: str) -> Path:
