@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
+from nerfmodal.field.backgrounds import still_backgrounds
 from nerfmodal.field.beyond import lay_ground
 from nerfmodal.field.bricks import (
     BLOCKS,
@@ -39,7 +40,6 @@ from nerfmodal.field.grid import (
     render,
     train,
 )
-from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, directions_of, views_of
 from nerfmodal.io.resume import ResumeFile
@@ -278,19 +278,6 @@ def numbers_of(chosen: Bool[np.ndarray, "cameras height width"]) -> Int[np.ndarr
     return np.flatnonzero(chosen).astype(np.int32)
 
 
-def still_backgrounds(field: GridField, views: Views) -> UInt8[np.ndarray, "cameras height width 3"]:
-    """What each pixel would show if the region were empty: the picture where it is, else what lies beyond."""
-    backgrounds = np.empty_like(views.images)
-    for camera, image in enumerate(views.images):
-        _, left, behind, _, _ = render(field, views, views.pixels_of(camera), behind=True)
-        learned = np.round(np.clip(behind, 0, 1) * 255).astype(np.uint8).reshape(image.shape)
-        clear = left.reshape(image.shape[:2]) > CLEAR
-        if views.counts is not None:
-            clear &= views.counts[camera]
-        backgrounds[camera] = np.where(clear[:, :, None], image, learned)
-    return backgrounds
-
-
 def fine_tune(
     parent: GridField,
     backgrounds: UInt8[np.ndarray, "cameras height width 3"] | None,
@@ -307,7 +294,7 @@ def fine_tune(
     if not changed.any():
         return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE)
     if backgrounds is None:  # its parent was to stay alone
-        backgrounds = still_backgrounds(parent, views_of(first))
+        backgrounds = still_backgrounds(parent, first)
     draw = _changed_rays(changed, schedule.rays, rng)
     coarse = scaled_bricks(parent.bricks, 2)
     hull = carved_blocks(coarse, frame.rig, changed, CHANGE_AGREEMENT)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from nerfmodal.field import grid, grid_training
+from nerfmodal.field.backgrounds import still_backgrounds
 from nerfmodal.field.course import Course, Told, psnr
 from nerfmodal.field.device import described
 from nerfmodal.field.views import Views, views_of
@@ -69,7 +70,7 @@ def fit(
         field = grid_training.fit(first, scene.low, scene.high, voxel, scene.ground, schedule, seed, course, keeping)
         state = grid.grid_state(field)
         if not alone:
-            state["backgrounds"] = grid_training.still_backgrounds(field, views_of(first))
+            state["backgrounds"] = still_backgrounds(field, first)
     checkpoint = Checkpoint(
         field=settings.field,
         frame_index=first.index,

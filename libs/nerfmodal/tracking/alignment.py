@@ -29,7 +29,7 @@ DARKEST = 1e-3
 STEPS = 6
 SETTLED_PIXELS = 0.02
 """The search on a level ends when its steps move the organ's pixels by less than this, times the level's factor."""
-RESTLESS = 0.04
+RESTLESS = 0.06
 """Slope of the background (of 1 per pixel) behind a half transparent pixel from which on it is believed less."""
 PROBE = 1e-4
 """Metres by which a place is moved to see how its pixel moves."""

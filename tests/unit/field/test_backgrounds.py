@@ -1,0 +1,57 @@
+"""What is hidden of a floor is taken from the pictures that show it: a smooth pattern, filmed exactly."""
+
+import numpy as np
+import pytest
+from nerfmodal.field.backgrounds import ground_behind
+from nerfmodal.geometry.cameras import semi_spherical_rig
+from nerfmodal.geometry.rays import rig_directions
+from nerfmodal.spec import RigSpec
+from nerfmodal.types import Frame
+
+HEIGHT = -0.2
+SIDE = 64
+
+
+@pytest.fixture(scope="module")
+def floor() -> Frame:
+    """A floor of waves half a metre long, several pixels wide wherever they are seen."""
+    rig = semi_spherical_rig(
+        RigSpec(cameras=9, width_px=SIDE, height_px=SIDE, radius_m=2.5, target_m=(0, 0, 0), lowest_deg=35)
+    )
+    pictures = []
+    for camera, directions in zip(rig.cameras, rig_directions(rig), strict=True):
+        origin = camera.camera_to_world[:3, 3]
+        falls = np.minimum(directions[:, 2], -1e-2)
+        x, y = (origin + ((HEIGHT - origin[2]) / falls)[:, None] * directions)[:, :2].T
+        waves = np.stack([np.sin(2 * np.pi * x / 0.5), np.sin(2 * np.pi * y / 0.5), np.sin(2 * (x + y))], axis=1)
+        pictures.append(np.round(127.5 + 100 * waves))
+    images = np.stack(pictures).astype(np.uint8).reshape(9, SIDE, SIDE, 3)
+    return Frame(index=0, time=0.0, images=images, rig=rig)
+
+
+def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> None:
+    clear = np.ones(floor.images.shape[:3], dtype=bool)
+    clear[:, 20:44, 28:36] = False
+    filled = list(ground_behind(HEIGHT, floor, clear))
+    flat = np.concatenate([numbers for numbers, _ in filled])
+    off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
+    assert set(flat) <= set(np.flatnonzero(~clear))
+    assert len(flat) > 0.7 * (~clear).sum()  # under the rig's target nobody sees it
+    assert np.median(np.abs(off)) < 3
+    assert np.sqrt(np.mean(off**2)) < 12  # the pattern's own is 70
+
+
+def test_nothing_is_said_of_what_nobody_sees(floor: Frame) -> None:
+    assert not list(ground_behind(HEIGHT, floor, np.zeros(floor.images.shape[:3], dtype=bool)))
+
+
+def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
+    """One camera hides everything: each of its pixels shows what another one sees there."""
+    clear = np.ones(floor.images.shape[:3], dtype=bool)
+    clear[0] = False
+    dark = Frame(index=0, time=0.0, rig=floor.rig, images=np.where(clear[..., None], floor.images, 0).astype(np.uint8))
+    filled = list(ground_behind(HEIGHT, dark, clear))
+    flat = np.concatenate([numbers for numbers, _ in filled])
+    off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
+    assert (flat < SIDE * SIDE).all()
+    assert np.median(np.abs(off)) < 3
