@@ -1,4 +1,4 @@
-"""URLs that must not be followed: every spelling of this machine and its neighbours, and what is no URL."""
+"""URLs that must not be followed: every spelling of this machine and its neighbours, and what is no plain URL."""
 
 PRIVATE = [
     "http://127.0.0.1/",
@@ -55,3 +55,19 @@ PRIVATE = [
     "http://[::1/",
     "http://8.8.8.8/" + "a" * 3000,
 ]
+
+NO_PLAIN_URLS = [
+    "http://user:pw@example.org/",
+    "http://93.184.216.34@example.org/",
+    "http://example.org/#part",
+    "http://example.org\\@example.com/",
+    "http://example.org/a b",
+    "http://example.org/\x7f",
+    "http://example.org/é",
+    "http://example.org:99999/",
+    "http://[example.org/",
+    "http:///path",
+    "ftp://example.org/",
+    "http://example.org/" + "a" * 3000,
+]
+"""Refused although the host's address is public."""

@@ -49,7 +49,10 @@ def test_full_disk_corrupts_nothing_and_the_scan_goes_on_when_it_is_freed(small_
 
 
 def test_full_artifact_store_costs_no_attempt(small_disk: Path, tmp_path: Path) -> None:
-    """Full for longer than three attempts take. Guard: `counted` in `of_system`; with True the scan fails."""
+    """Full for longer than three attempts take. Guard: `counted` in `of_system`.
+
+    Seen to fail: with True the scan has failed before the disk is freed.
+    """
     fill_in_mid_scan(toy_settings(tmp_path).model_copy(update={"artifact_folder": small_disk}), small_disk, 8.0)
 
 

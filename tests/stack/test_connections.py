@@ -25,7 +25,7 @@ def number(store: Store) -> int:
 
 
 def test_connection_that_died_while_idle_is_replaced_unseen(database_url: str) -> None:
-    """Without the question at checkout this raises `OperationalError`."""
+    """Guard: the question at checkout. Seen to fail: without it the first statement raises `OperationalError`."""
     store = open_store(database_url)
     assert number(store) == 1
     time.sleep(TRUSTED_S)

@@ -11,7 +11,11 @@ from tests.integration.toy_service import toy_spec
 
 
 def test_a_transaction_that_took_its_ids_first_and_commits_last_is_not_missed(settings: Settings) -> None:
-    """Guard: `settled_before` in `read_events`; without it the reader passes by the first scan's events."""
+    """Guard: `settled_before` in `read_events`.
+
+    Seen to fail: without it the reader is told of the second scan before the first is committed, and stands behind its
+    events.
+    """
     upgrade(settings.database)
     store = open_store(settings.database)
     with Session(store.engine) as slow, Session(store.engine) as fast:
