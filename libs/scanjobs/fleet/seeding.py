@@ -4,8 +4,10 @@ Scans are rows and files like any other (`fsck` finds nothing wrong with them); 
 ones: read from modes.json, joined, charted, alarmed. Everything of it is marked and can be removed.
 """
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 from uuid import UUID
 
@@ -17,8 +19,8 @@ from sqlalchemy.orm import Session
 from scanjobs.artifacts import ArtifactStore
 from scanjobs.fleet.joining import join
 from scanjobs.fleet.plants import UNSYNCHRONISED
-from scanjobs.fleet.seeding_files import Files, Pot
-from scanjobs.fleet.seeding_rows import END_S, rows_of_scan
+from scanjobs.fleet.seeding_files import Draw, Files, Pot, put_all
+from scanjobs.fleet.seeding_rows import END_S, Rows, rows_of_drawing, rows_of_scan
 from scanjobs.fleet.tables import Alarm, Environment, Plant, PlantEvent, PlantTag
 from scanjobs.monitoring.simulated import DAY_S, Kind, Nature, live, temperature
 from scanjobs.store import Store
@@ -39,6 +41,8 @@ class Seeded:
 
     plants: int
     scans: int
+    full: tuple[str, ...] = ()
+    """Plants whose newest scan has every file."""
 
 
 def seed_fleet(
@@ -50,9 +54,14 @@ def seed_fleet(
     scans: int,
     now: float,
     seed: int = 0,
+    full: int = 0,
+    draw: Draw | None = None,
     on_plant: Callable[[int], None] = lambda _: None,
 ) -> Seeded:
-    """Make `plants` plants with `scans` scans each, two a day, the last one just before `now` (s); once."""
+    """Make `plants` plants with `scans` scans each, two a day, the last one just before `now` (s); once.
+
+    The newest scan of the first `full` plants whose every mode was seen then is made by `draw`, with every file.
+    """
     with store.read() as session:
         there = set(session.scalars(select(Plant.id).where(Plant.owner == owner, Plant.demo)))
     rng = np.random.default_rng(seed)
@@ -62,11 +71,17 @@ def seed_fleet(
     missing = [pot for pot in pots if pot.id not in there]
     if missing and not there:
         store.write(lambda session: _write_house(session, owner, at, rng))
+    chosen = [pot.number for pot in missing if _is_whole(pot)][:full] if draw else []
     made = 0
     for pot in missing:
-        made += _write_pot(store, artifacts, owner, pot)
+        made += _write_pot(store, artifacts, owner, pot, draw if pot.number in chosen else None)
         on_plant(pot.number)
-    return Seeded(len(missing), made)
+    return Seeded(len(missing), made, tuple(pot.id for pot in missing if pot.number in chosen))
+
+
+def _is_whole(pot: Pot) -> bool:
+    """Whether the newest scan has succeeded and seen every mode."""
+    return not pot.failed[-1] and bool(np.isfinite(pot.life.frequencies[-1]).all())
 
 
 def remove_fleet(store: Store, *, owner: str) -> int:
@@ -130,20 +145,21 @@ def _write_house(session: Session, owner: str, at: np.ndarray, rng: np.random.Ge
     session.execute(insert(table_of(Environment)), [row for row in rows if row["at"] not in known])
 
 
-def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: Pot) -> int:
-    """One plant, all or nothing, then joined as a worker would."""
+def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: Pot, draw: Draw | None) -> int:
+    """One plant, all or nothing, then joined as a worker would; its newest scan is drawn where `draw` is given."""
     rng = np.random.default_rng(pot.number)
     files = Files(artifacts, pot, rng)
     key = str(UUID(bytes=rng.bytes(16), version=4))
     rows: dict[Any, list[dict[str, Any]]] = {table: [] for table in TABLES}
-    for k in range(len(pot.life.at)):
-        ids = [id_at(float(pot.life.at[k]) + 0.001 * n, rng) for n in range(3)]
-        spec = _spec(pot)
-        made = rows_of_scan(
-            ids, owner, pot.id, spec, float(pot.life.at[k]), files.of_scan(k), failed=bool(pot.failed[k])
-        )
-        for table, some in made.items():
-            rows[table] += some
+    for k, at in enumerate(pot.life.at.tolist()):
+        ids = [id_at(at + 0.001 * n, rng) for n in range(4)]
+        if draw is not None and k == len(pot.life.at) - 1:
+            made = _drawn_rows(artifacts, owner, pot, ids, draw)
+        else:
+            made = [rows_of_scan(ids[:3], owner, pot.id, _spec(pot), at, files.of_scan(k), failed=bool(pot.failed[k]))]
+        for one in made:
+            for table, some in one.items():
+                rows[table] += some
 
     def work(session: Session) -> None:
         session.execute(insert(table_of(Plant)), [_plant_row(owner, key, pot)])
@@ -158,6 +174,16 @@ def _write_pot(store: Store, artifacts: ArtifactStore, owner: str, pot: Pot) -> 
     join(store, artifacts, key)
     store.write(lambda session: _date_alarms(session, key))
     return len(pot.life.at)
+
+
+def _drawn_rows(artifacts: ArtifactStore, owner: str, pot: Pot, ids: Sequence[str], draw: Draw) -> list[Rows]:
+    """The rows of the newest scan, drawn."""
+    with tempfile.TemporaryDirectory(prefix="nerfmodal-demo-") as folder:
+        drawn = draw(pot, Path(folder))
+        results, beside = put_all(artifacts, drawn.results), put_all(artifacts, drawn.beside)
+    at, names = float(pot.life.at[-1]), {role: path.name for role, path in drawn.beside.items()}
+    scan = rows_of_scan(ids[:3], owner, pot.id, drawn.spec, at, results, frames=drawn.frames)
+    return [scan, rows_of_drawing(ids[3], ids[0], at, beside, names)]
 
 
 def bench_of(pot: Pot) -> str:

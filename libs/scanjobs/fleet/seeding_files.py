@@ -3,7 +3,7 @@
 import io
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +35,25 @@ class Pot:
     @property
     def id(self) -> str:
         return f"demo-{self.number:03d}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A scan with every file: its specification, and by role the files that its last step made and those before it."""
+
+    spec: dict[str, Any]
+    frames: int
+    results: Mapping[str, Path]
+    beside: Mapping[str, Path]
+
+
+Draw = Callable[[Pot, Path], Drawn]
+"""Computes the newest scan of a pot, with its files under a folder."""
+
+
+def put_all(artifacts: ArtifactStore, files: Mapping[str, Path]) -> dict[str, Stored]:
+    """Files brought into the store, by role."""
+    return {role: artifacts.put(path) for role, path in files.items()}
 
 
 class Files:

@@ -6,7 +6,9 @@ from typing import Any, Final
 
 from scanjobs.artifacts import Stored
 from scanjobs.fanin import STORED
-from scanjobs.messages import IDENTIFY, INSPECT, QUEUE_OF
+from scanjobs.fleet.seeding_files import FRAMES
+from scanjobs.media import media_type_of
+from scanjobs.messages import EXTRACT, IDENTIFY, INSPECT, QUEUE_OF
 from scanjobs.plan import WHOLE_SCAN
 from scanjobs.states import ScanState, StepState
 from scanjobs.tables import Artifact, ArtifactRef, Attempt, Event, Scan, ScanTag, Step, StepDependency
@@ -36,7 +38,8 @@ def rows_of_scan(
     at: float,
     files: Mapping[str, Stored],
     *,
-    failed: bool,
+    failed: bool = False,
+    frames: int = FRAMES,
 ) -> Rows:
     """Rows by table; `ids` are of the scan, of its inspection and of its identification."""
     scan_id, inspect_id, identify_id = ids
@@ -44,10 +47,10 @@ def rows_of_scan(
     end = ScanState.FAILED if failed else ScanState.SUCCEEDED
     made = {} if failed else files
     return {
-        Scan: [_scan(scan_id, owner, plant, spec, at, end)],
+        Scan: [_scan(scan_id, owner, plant, spec, at, end, frames)],
         ScanTag: [{"scan_id": scan_id, "tag": tag} for tag in spec["tags"]],
         Step: [
-            _step(inspect_id, scan_id, INSPECT, 0, StepState.SUCCEEDED, at),
+            _step(inspect_id, scan_id, INSPECT, 0, StepState.SUCCEEDED, at) | {"facts": {"frames": frames}},
             _step(identify_id, scan_id, IDENTIFY, 1, ended, at),
         ],
         StepDependency: [{"parent_id": inspect_id, "child_id": identify_id}],
@@ -61,14 +64,30 @@ def rows_of_scan(
             *_events(scan_id, identify_id, (*SECOND_WAY, ended), at),
         ],
         Artifact: [_artifact(role, stored, at) for role, stored in made.items()],
-        ArtifactRef: [
-            {"step_id": identify_id, "role": role, "name": role.rpartition("/")[2], "digest": stored.digest}
-            for role, stored in made.items()
-        ],
+        ArtifactRef: [_reference(identify_id, role, role.rpartition("/")[2], stored) for role, stored in made.items()],
     }
 
 
-def _scan(scan_id: str, owner: str, plant: str, spec: dict[str, Any], at: float, state: ScanState) -> dict[str, Any]:
+def rows_of_drawing(
+    step_id: str, scan_id: str, at: float, files: Mapping[str, Stored], names: Mapping[str, str]
+) -> Rows:
+    """The step that made a scan's first cloud, with its files by role."""
+    return {
+        Step: [_step(step_id, scan_id, EXTRACT, 0, StepState.SUCCEEDED, at) | {"frame": 0}],
+        Attempt: [_attempt(step_id, "succeeded", at)],
+        Event: _events(scan_id, step_id, (*FIRST_WAY, StepState.SUCCEEDED), at),
+        Artifact: [_artifact(names[role], stored, at) for role, stored in files.items()],
+        ArtifactRef: [_reference(step_id, role, names[role], stored) for role, stored in files.items()],
+    }
+
+
+def _reference(step_id: str, role: str, name: str, stored: Stored) -> dict[str, Any]:
+    return {"step_id": step_id, "role": role, "name": name, "digest": stored.digest}
+
+
+def _scan(
+    scan_id: str, owner: str, plant: str, spec: dict[str, Any], at: float, state: ScanState, frames: int
+) -> dict[str, Any]:
     return {
         "id": scan_id,
         "owner": owner,
@@ -84,7 +103,7 @@ def _scan(scan_id: str, owner: str, plant: str, spec: dict[str, Any], at: float,
         "version": 3,
         "cancel_seq": 0,
         "max_failed_frames": 0,
-        "frames": 240,
+        "frames": frames,
         "served": 2,
         "error": dict(ERROR) if state is ScanState.FAILED else None,
         "created_at": at,
@@ -110,7 +129,7 @@ def _step(step_id: str, scan_id: str, kind: str, depth: int, state: StepState, a
         "progress_done": 1,
         "progress_total": 1,
         "progress_message": "",
-        "facts": {"frames": 240} if kind == INSPECT else None,
+        "facts": None,
         "error": dict(ERROR) if state is StepState.FAILED else None,
         "created_at": at,
         "started_at": at + 2.0 + 10.0 * depth,
@@ -147,5 +166,10 @@ def _events(scan_id: str, step_id: str | None, way: Sequence[str], at: float) ->
 
 
 def _artifact(role: str, stored: Stored, at: float) -> dict[str, Any]:
-    kind = "application/json" if role.endswith(".json") else "application/octet-stream"
-    return {"digest": stored.digest, "size": stored.size, "media_type": kind, "state": STORED, "created_at": at}
+    return {
+        "digest": stored.digest,
+        "size": stored.size,
+        "media_type": media_type_of(role),
+        "state": STORED,
+        "created_at": at,
+    }

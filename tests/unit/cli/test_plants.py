@@ -22,7 +22,9 @@ run = CliRunner()
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder with a fleet of six."""
     data = tmp_path_factory.mktemp("data")
-    done = run.invoke(app, ["demo-fleet", "--plants", "6", "--scans", "18", "--data", str(data), "--json"])
+    done = run.invoke(
+        app, ["demo-fleet", "--plants", "6", "--scans", "18", "--full", "0", "--data", str(data), "--json"]
+    )
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["scans"] == 108
     return data
@@ -45,7 +47,7 @@ def json_of(*words: str) -> list[dict[str, object]]:
 
 
 def test_seeding_twice_makes_nothing_more_and_removing_removes(tmp_path: Path) -> None:
-    words = ["demo-fleet", "--plants", "1", "--scans", "3", "--data", str(tmp_path), "--json"]
+    words = ["demo-fleet", "--plants", "1", "--scans", "3", "--full", "0", "--data", str(tmp_path), "--json"]
     assert [json.loads(run.invoke(app, words).stdout)["plants"] for _ in range(2)] == [1, 0]
     assert json.loads(run.invoke(app, [*words, "--remove"]).stdout) == {"removed": 1}
 

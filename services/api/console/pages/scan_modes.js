@@ -19,7 +19,7 @@ export function Modes({ scan, ticks, query }) {
     [scan.status, ticks],
   );
   const truth = useLoad(
-    async (signal) => (scan.source === "simulation" ? fetchTruth(scan, signal) : null),
+    async (signal) => (isSimulated(scan) ? fetchTruth(scan, signal) : null),
     [scan.id, scan.generation],
     [scan.status],
   );
@@ -27,6 +27,9 @@ export function Modes({ scan, ticks, query }) {
   return html`<${Loaded} state=${state}>${(document) => html`<${Document} scan=${scan} document=${document}
     truth=${truth.value} query=${query} />`}<//>`;
 }
+
+/** Whether something was imposed: by the scan itself, or on the clouds that it was made of. */
+const isSimulated = (scan) => scan.source === "simulation" || scan.tags.includes("simulated");
 
 function Document({ scan, document, truth, query }) {
   const entries = useMemo(() => entriesOf(document), [document]);
