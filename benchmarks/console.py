@@ -1,10 +1,12 @@
-"""The web page with a fleet of 200 plants and 5,000 scans: `python -m benchmarks.console`.
+"""The web page with a fleet of 200 plants and 5,000 scans: `python -m benchmarks.console [--plants 5000]`.
 
 How long each page takes until it shows its content, the median of several visits in a headless Chromium, each with an
 empty cache. What 50 open pages cost the API while nothing happens. How many points of 100,000 swing in software, at
-which rate, and what of a picture is the page's own work. Minutes.
+which rate, and what of a picture is the page's own work. How long the long table takes as a file. Then the page of all
+plants again, with as many as `--plants` says: rows copied of the 200, since a list looks at no scan. Minutes.
 """
 
+import argparse
 import os
 import statistics
 import tempfile
@@ -12,24 +14,31 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 import httpx
 import numpy as np
 from nerfmodal.types import PointCloud
 from playwright.sync_api import Browser, sync_playwright
 from scanjobs.fleet.seeding import seed_fleet
+from scanjobs.fleet.tables import Plant, PlantTag
 from scanjobs.migrate import upgrade
 from scanjobs.scopes import LOCAL_OWNER
+from scanjobs.store import Store
+from scanjobs.table_base import table_of
+from sqlalchemy import insert, select
+from sqlalchemy.orm import Session
 
 from benchmarks.rows import Row, print_and_write
 from tests.console.api_process import Api
 from tests.console.browsing import CHROMIUM, SOFTWARE
 from tests.console.site import finished_scan, open_service
 from tests.fixtures.scans import small_cloud
+from tests.unit.api.service import Service
 
 OUT = Path("out/benchmarks/console.json")
 PLANTS, SCANS, POINTS = 200, 25, 100_000
-VISITS, LISTENERS = 5, 50
+VISITS, LISTENERS, EXPORTS = 5, 50, 3
 SETTLING_S, REST_S, SWING_S = 3.0, 20.0, 25.0
 TIMED = """window.took = []; const plain = window.requestAnimationFrame;
     window.requestAnimationFrame = (work) => plain.call(window, (now) => {
@@ -45,19 +54,36 @@ PAGES = {
 }
 
 
+LARGE = 5000
+LARGE_PAGES = {
+    "{count:,} plants": "plants",
+    "{count:,} plants, those of one treatment, the lowest f/f0 first": "plants?treatment=drought&sort=ratio",
+    "{count:,} plants, by a part of a name": "plants?text=7",
+}
+
+
 def main() -> None:
-    """Measure all three, print them and keep them."""
-    with tempfile.TemporaryDirectory(prefix="nerfmodal-bench-") as folder, fleet(Path(folder)) as (api, plant, scan):
-        rows = [*idle(api, scan)]
+    """Measure all, print it and keep it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plants", type=int, default=LARGE, help="of the large fleet; 0 leaves it out")
+    large = parser.parse_args().plants
+    with (
+        tempfile.TemporaryDirectory(prefix="nerfmodal-bench-") as folder,
+        fleet(Path(folder)) as (api, service, plant, scan),
+    ):
+        rows = [*idle(api, scan), *exports(api.url)]
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
             rows += [*loads(browser, api.url, plant, scan), *swing(browser, api.url, scan)]
+            if large > PLANTS:
+                grow(service.store, large)
+                rows += large_loads(browser, api.url, large)
             browser.close()
     print_and_write(rows, OUT)
 
 
 @contextmanager
-def fleet(folder: Path) -> Iterator[tuple[Api, str, str]]:
+def fleet(folder: Path) -> Iterator[tuple[Api, Service, str, str]]:
     """The API over the fleet and one large scan, in a process of its own; a plant's id and the scan's."""
     upgrade(f"sqlite:///{folder / 'migrated.db'}")
     service = open_service(folder / "service", folder / "migrated.db")
@@ -74,7 +100,7 @@ def fleet(folder: Path) -> Iterator[tuple[Api, str, str]]:
     plant = service.http.get("/v1/plants?sort=-alarms&limit=1").json()["items"][0]["id"]
     api = Api(service)
     api.start()
-    yield api, plant, scan
+    yield api, service, plant, scan
     api.kill()
     service.store.close()
 
@@ -98,6 +124,46 @@ def loads(browser: Browser, url: str, plant: str, scan: str) -> Iterator[Row]:
             floor=1000,
             aim=500,
         )
+
+
+def grow(store: Store, count: int) -> None:
+    """Copies of the fleet's plants, under other names, until there are `count`."""
+    with store.read() as session:
+        plants = [dict(row) for row in session.execute(select(table_of(Plant))).mappings()]
+    others = [
+        plant | {"key": str(uuid4()), "id": f"{plant['id']}-{copy}", "name": f"{plant['name']}.{copy}"}
+        for copy in range(1, -(-count // len(plants)))
+        for plant in plants
+    ]
+    tags = [{"plant_key": plant["key"], "tag": tag} for plant in others for tag in plant["tags"]]
+
+    def work(session: Session) -> None:
+        session.execute(insert(table_of(Plant)), others)
+        session.execute(insert(table_of(PlantTag)), tags)
+
+    store.write(work)
+
+
+def large_loads(browser: Browser, url: str, count: int) -> Iterator[Row]:
+    """Milliseconds until a page of a large fleet stands, with an empty cache."""
+    for what, path in LARGE_PAGES.items():
+        took = [visit(browser, f"{url}/#/{path}", PAGES["plants"][1]) for _ in range(VISITS)]
+        name = what.format(count=count)
+        yield Row(
+            what=f"{name}: until they stand", value=round(statistics.median(took)), unit="ms", floor=1000, aim=500
+        )
+
+
+def exports(url: str) -> Iterator[Row]:
+    """Seconds until every observation is saved."""
+    for form in ("csv", "parquet"):
+        took = []
+        for _ in range(EXPORTS):
+            began = time.perf_counter()
+            httpx.get(f"{url}/v1/exports/observations", params={"format": form}, timeout=120).raise_for_status()
+            took.append(time.perf_counter() - began)
+        what = f"observations of {PLANTS * SCANS:,} scans as {form}"
+        yield Row(what=what, value=round(statistics.median(took), 2), unit="s", floor=5, aim=1)
 
 
 def visit(browser: Browser, address: str, content: str) -> float:
