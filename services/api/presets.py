@@ -63,9 +63,14 @@ def _leaf_motion(leaf: int, frequencies: tuple[float, float, float, float]) -> l
 
 DEFAULT = ScanSpec(
     name="acai",
-    source=SimulationSource(kind="simulation", frames=52, frame_rate_hz=25, motion=_motion(), samples=3),
+    source=SimulationSource(kind="simulation", frames=52, frame_rate_hz=25, motion=_motion(), samples=8),
     reconstruction=ReconstructionSpec(
-        voxel_m=0.0125, iterations=800, fine_tune_iterations=120, opacity_threshold=0.35, points=40_000
+        motion="follow",
+        voxel_m=0.0125,
+        iterations=800,
+        fine_tune_iterations=120,
+        opacity_threshold=0.35,
+        points=40_000,
     ),
 )
 """What the demo runs: 24 cameras of 224 × 320 pixels, 2.08 seconds at 25 Hz."""

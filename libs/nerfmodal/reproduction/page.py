@@ -49,8 +49,9 @@ def _experiment(one: Document) -> Iterator[str]:
         f"## {one['name']}",
         "",
         f"{one['frames']} frames at {one['frame_rate_hz']:g} Hz, {one['cameras']} cameras of {one['width_px']} × "
-        f"{one['height_px']} pixels ({one['renderer']}), {one['field']} field, {one['iterations']} + "
-        f"{one['fine_tune_iterations']} iterations, seed {one['seed']}; {_minutes(one['seconds'])}.",
+        f"{one['height_px']} pixels ({one['renderer']}, {one['samples']} rays a pixel), {one['field']} field, "
+        f"{one['iterations']} + {one['fine_tune_iterations']} iterations, `motion: {one['motion']}`, "
+        f"seed {one['seed']}; {_minutes(one['seconds'])}.",
         "",
         "| goal | reached | wanted | |",
         "|---|---|---|---|",
