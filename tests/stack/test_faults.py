@@ -21,6 +21,10 @@ def assert_all_done_once(service: Service, scan_id: str) -> None:
 
 
 def test_two_workers_share_a_scan(settings: Settings) -> None:
+    """Guard: the lock in `hold_scan`.
+
+    Seen to fail: without it two steps begin the scan, and fsck finds an event that does not begin where the last ended.
+    """
     upgrade(settings.database)
     with looking_at(settings) as service, worker_process(settings), worker_process(settings):
         scan_id = service.submit(toy_spec(frames=6))
