@@ -22,7 +22,9 @@ LIGHT_DEGREES = (3, 1, 0)
 """Degrees of the change of light along the organ, for each degree across it."""
 LIGHT_STD, LIGHT_DECAY = 0.5, 0.8
 MOTION_SHARE = 0.1
-"""Expected size of the displacement, in lengths of the organ."""
+"""Expected size of the displacement, in lengths of the organ, before a coarser level has said more."""
+LEAST_SHARE, DOUBT = 0.01, 4.0
+"""The coarser level's root mean square times so much is the expected size, or at least this share of the length."""
 TUNING = 1.5
 """A difference of so many robust standard deviations has half its weight."""
 DARKEST = 1e-3
@@ -95,7 +97,7 @@ def align(
     unknowns = (
         np.zeros(problem.size) if start is None else np.concatenate([start.motion.T.ravel(), start.light.T.ravel()])
     )
-    precision = problem.precision(length, decay)
+    precision = problem.precision(_expected_size(problem.basis, start, length), decay)
     for step in range(STEPS):
         equations = problem.equations(unknowns)
         prior = precision * problem.overlap * (TUNING * equations.residual) ** 2
@@ -104,6 +106,14 @@ def align(
         if problem.moves(change) < SETTLED_PIXELS * template.factor or step == STEPS - 1:
             break
     return problem.answer(unknowns, problem.equations(unknowns), precision)
+
+
+def _expected_size(basis: Float[np.ndarray, "pixels terms"], start: Alignment | None, length: float) -> float:
+    """Prior standard deviation of the displacement's lowest terms, metres."""
+    if start is None:
+        return MOTION_SHARE * length
+    found = float(np.sqrt(((basis @ start.motion) ** 2).sum(axis=1).mean()))
+    return float(np.clip(DOUBT * found, LEAST_SHARE * length, MOTION_SHARE * length))
 
 
 class _Problem:
@@ -138,9 +148,9 @@ class _Problem:
         self.overlap = 3 * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
         self._slopes: np.ndarray | None = None
 
-    def precision(self, length: float, decay: float) -> np.ndarray:
+    def precision(self, size: float, decay: float) -> np.ndarray:
         """Inverse prior variances of all unknowns."""
-        motion = MOTION_SHARE * length * decay ** self.orders.sum(axis=1)
+        motion = size * decay ** self.orders.sum(axis=1)
         light = LIGHT_STD * LIGHT_DECAY ** self.light_orders.sum(axis=1)
         return 1 / np.concatenate([np.tile(motion, 3), np.tile(light, 3)]) ** 2
 
