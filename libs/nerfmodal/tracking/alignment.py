@@ -105,7 +105,9 @@ def align(
         unknowns = unknowns + change
         if problem.moves(change) < SETTLED_PIXELS * template.factor or step == STEPS - 1:
             break
-    return problem.answer(unknowns, problem.equations(unknowns), precision)
+    # what was not seen must not pass for a motion known to be small
+    unsure = problem.precision(MOTION_SHARE * length, decay)
+    return problem.answer(unknowns, problem.equations(unknowns), unsure)
 
 
 def _expected_size(basis: Float[np.ndarray, "pixels terms"], start: Alignment | None, length: float) -> float:
