@@ -92,6 +92,22 @@ def test_a_number_has_the_digits_that_its_deviation_leaves_sure(call: Any, value
     assert call("app/format.js", "m.measured(given[0], given[1])", [value, std]) == words
 
 
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        ("m.digits(1.03)", "1.030"),
+        ("m.digits(12.3456)", "12.35"),
+        ("m.digits(null)", "–"),
+        ("m.duration(12 * 3600)", "12 h"),
+        ("m.duration(3600 + 240)", "1 h 04 min"),
+        ("m.sureness(0.99999)", "more than 99.9 % sure"),
+        ("m.sureness(0.9871)", "98.7 % sure"),
+    ],
+)
+def test_numbers_are_told_as_a_person_would(call: Any, expression: str, words: str):
+    assert call("app/format.js", expression) == words
+
+
 def test_arrays_are_read_as_numpy_wrote_them(call: Any, gallery: tuple[str, str]):
     """The shape of a mode, deflated; its directions turn it into motion along z."""
     read = """m.readNpz(given, (path, options) => fetch(path, options)).then(all => Object.fromEntries(

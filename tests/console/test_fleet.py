@@ -84,6 +84,23 @@ def test_plants_are_filtered_and_sorted_by_the_service(plants: Page):
     expect(table.first).to_contain_text(str(lowest["name"]))
 
 
+def test_a_phone_shows_the_ratio_its_history_and_alarms_without_scrolling_sideways(plants: Page):
+    plants.set_viewport_size({"width": 375, "height": 740})
+    row = plants.locator(f"[data-plant='{alarmed(plants)['id']}']")
+    for inside in (row.locator("td.number"), row.locator("svg.spark"), row.locator("a .state").last):
+        expect(inside).to_be_visible()
+        box = inside.bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= 375
+
+
+def test_a_plant_leads_to_its_last_scan(plants: Page):
+    plant = rows(plants)[0]
+    plants.get_by_role("link", name=str(plant["name"]), exact=True).click()
+    plants.get_by_role("link", name="last scan").click()
+    expect(plants.get_by_role("navigation", name="Parts of the scan")).to_be_visible()
+
+
 def test_a_plant_opens_with_its_history_events_and_alarm(plants: Page):
     plant = alarmed(plants)
     plants.get_by_role("link", name=str(plant["name"]), exact=True).click()
@@ -145,6 +162,8 @@ def test_an_alarm_says_what_changed_and_is_acknowledged_and_closed(page: Page, g
     alarm = page.locator("article.alarm").first
     expect(alarm).to_contain_text("lower since")
     expect(alarm).to_contain_text("sure")
+    expect(alarm).to_contain_text("beyond what temperature")
+    expect(alarm).not_to_contain_text("temperature_c")
     which = alarm.get_attribute("data-alarm")
     alarm.get_by_label("Note").fill("the drip is blocked")
     alarm.get_by_role("button", name="Acknowledge").click()

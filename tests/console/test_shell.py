@@ -71,6 +71,12 @@ def test_a_phone_needs_no_scrolling_sideways(page: Page, gallery: tuple[str, str
     assert page.evaluate("document.documentElement.scrollWidth") <= 375
 
 
+def test_a_phone_shows_in_its_navigation_where_it_is(page: Page, gallery: tuple[str, str]):
+    page.set_viewport_size({"width": 375, "height": 740})
+    page.goto(f"{gallery[0]}/#/admin")
+    expect(page.locator("nav [aria-current=page]").first).to_be_in_viewport(ratio=1)
+
+
 def test_everything_that_takes_a_value_has_a_name(page: Page, gallery: tuple[str, str]):
     """What a screen reader would have to call by its kind alone."""
     nameless = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter(one =>

@@ -1,5 +1,6 @@
 """Why a plant has alarms, in words that say what changed, since when, how sure that is and how long it took."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
@@ -19,6 +20,14 @@ FAILED_IN_A_ROW: Final = 3
 ESTABLISHED: Final = 6
 """Scans that a mode must have been seen in to be missed."""
 CHART_WORDS: Final = {"ewma": "EWMA", "cusum_up": "CUSUM", "cusum_down": "CUSUM", "t2": "Hotelling's T²"}
+SURROUNDINGS: Final = {
+    "temperature_c": "temperature",
+    "humidity_percent": "humidity",
+    "light_umol_m2_s": "light",
+    "soil_water_percent": "soil water",
+    "mass_g": "mass",
+}
+"""What columns are called within a sentence; those of the owner's own by their names."""
 Reasons = dict[tuple[str, str], Reason]
 
 
@@ -30,6 +39,13 @@ def reasons_for(session: Session, plant: Plant, found: Findings) -> Reasons:
     return {(reason.kind, reason.subject): reason for reason in reasons}
 
 
+def _beyond(covariates: Sequence[str]) -> str:
+    """What is taken off a change before it is told, as the end of a sentence."""
+    words = [SURROUNDINGS.get(name, name) for name in covariates]
+    verb = "explains" if len(words) == 1 else "explain"
+    return f" beyond what {' and '.join(words)} {verb}" if words else ""
+
+
 def _drift(found: Findings, finding: Finding) -> Reason:
     onset, detected = found.scans[finding.onset], found.scans[finding.detected]
     way = "lower" if finding.change < 0 else "higher"
@@ -37,8 +53,7 @@ def _drift(found: Findings, finding: Finding) -> Reason:
     moved = [found.tracks[k] for k in finding.tracks]
     names = ", ".join(name_of(row) for row in moved) or "no track by itself"
     charts = " and ".join(dict.fromkeys(CHART_WORDS[name] for name in finding.charts))
-    known = found.drift.covariates if found.drift else ()
-    beside = f" beyond what {', '.join(known)} explain" if known else ""
+    beside = _beyond(found.drift.covariates if found.drift else ())
     what = (
         f"Since {_day(onset.at)} frequencies are {size} ± {100 * finding.change_std:.1f} % {way}{beside} ({names}). "
         f"{charts} showed it on {_day(detected.at)}, with scan {finding.delay_scans} of the change."

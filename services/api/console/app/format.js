@@ -35,7 +35,8 @@ export function duration(seconds) {
   const minutes = Math.round(seconds / 60);
   if (minutes < 60) return `${minutes} min`;
   const hours = Math.floor(minutes / 60);
-  return hours < 48 ? `${hours} h ${String(minutes % 60).padStart(2, "0")} min` : `${Math.round(hours / 24)} days`;
+  const rest = minutes % 60 ? ` ${String(minutes % 60).padStart(2, "0")} min` : "";
+  return hours < 48 ? `${hours} h${rest}` : `${Math.round(hours / 24)} days`;
 }
 
 export function bytes(count) {
@@ -44,6 +45,9 @@ export function bytes(count) {
   const value = count / 1000 ** step;
   return `${step && value < 100 ? value.toFixed(1) : Math.round(value)} ${units[step]}`;
 }
+
+/** "99.2 % sure"; never all of it. */
+export const sureness = (share) => (share > 0.999 ? "more than 99.9 % sure" : `${percent(share, 1)} sure`);
 
 export const percent = (share, digits = 0) => (share == null ? NONE : `${(100 * share).toFixed(digits)} %`);
 
@@ -54,6 +58,9 @@ export function number(value, digits = 4) {
   if (size !== 0 && (size < 1e-3 || size >= 1e6)) return value.toExponential(digits - 1);
   return String(Number(value.toPrecision(digits)));
 }
+
+/** So many significant digits, noughts at the end among them: columns of like numbers stand in line. */
+export const digits = (value, count = 4) => (value == null ? NONE : value.toPrecision(count));
 
 /** A value to the digit that its standard deviation leaves sure: "2.0005 ± 0.0008". */
 export function measured(value, std, scale = 1) {

@@ -35,6 +35,10 @@ function Shell() {
     return () => window.removeEventListener(KEY_NEEDED, ask);
   }, []);
   const name = here.parts[0] ?? HOME;
+  useEffect(() => {
+    // on a phone the pages stand in a row that is wider than the screen
+    document.querySelector(".top nav [aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" });
+  }, [name]);
   const onKey = (secret) => {
     keepKey(secret);
     setAsking(false);

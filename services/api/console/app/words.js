@@ -40,6 +40,16 @@ export const SYMBOLS = {
   none: "–",
 };
 
+const SURROUNDINGS = {
+  temperature_c: "temperature",
+  humidity_percent: "humidity",
+  light_umol_m2_s: "light",
+  soil_water_percent: "soil water",
+  mass_g: "mass",
+};
+/** What a column of the surroundings is called within a sentence. */
+export const inWords = (column) => SURROUNDINGS[column] ?? column;
+
 let loaded = null;
 
 /** Reasons, outcomes and kinds of messages, fetched once. */

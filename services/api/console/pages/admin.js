@@ -41,7 +41,9 @@ function Keys() {
       setProblem(error);
     }
   };
-  return html`<h2>API keys</h2><${Loaded} state=${state}>${({ items }) => html`<div class="scroll"><table>
+  return html`<h2>API keys</h2><${Loaded} state=${state}>${({ items }) => items.length === 0
+    ? html`<p class="wait">There are no keys: only callers on this machine are let in.</p>`
+    : html`<div class="scroll"><table>
       <thead><tr><th scope="col">Name</th><th scope="col">May</th><th scope="col">Made</th><th scope="col">Used</th><th
         scope="col">State</th><th></th></tr></thead>
       <tbody>${items.map(

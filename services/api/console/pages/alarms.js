@@ -3,7 +3,7 @@
  */
 import { html, useState } from "../app/html.js";
 import { get, patch } from "../app/api.js";
-import { ago, counted, duration, moment, number, percent } from "../app/format.js";
+import { ago, counted, duration, moment, number, sureness } from "../app/format.js";
 import { useCalm, useLoad, useStream } from "../app/hooks.js";
 import { to } from "../app/router.js";
 import { Confirm } from "../parts/dialog.js";
@@ -61,7 +61,7 @@ export function AlarmCard({ alarm, onChange }) {
         alarm.since && `since ${moment(alarm.since)}`,
         alarm.change_percent != null &&
           `${number(alarm.change_percent, 2)} %${alarm.change_percent_std ? ` ± ${number(alarm.change_percent_std, 2)} %` : ""}`,
-        alarm.confidence != null && `${percent(alarm.confidence, 1)} sure`,
+        alarm.confidence != null && sureness(alarm.confidence),
         alarm.delay_scans != null &&
           `seen after ${counted(alarm.delay_scans, "scan")}${alarm.delay_s ? ` (${duration(alarm.delay_s)})` : ""}`,
         `opened ${ago(alarm.opened_at)}`,

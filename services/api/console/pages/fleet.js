@@ -3,7 +3,7 @@
  */
 import { html } from "../app/html.js";
 import { download, get } from "../app/api.js";
-import { ago, counted, moment, number, percent } from "../app/format.js";
+import { ago, counted, digits, moment, percent } from "../app/format.js";
 import { useCalm, useLoad, useStream } from "../app/hooks.js";
 import { go, requery, to } from "../app/router.js";
 import { Choice, Words } from "../parts/filters.js";
@@ -66,9 +66,9 @@ function Filters({ query, facets }) {
 
 const COLUMNS = [
   ["id", "Plant"],
-  ["treatment", "Treatment"],
-  ["last_scan", "Last scan"],
-  ["frequency", "Frequencies (Hz)"],
+  ["treatment", "Treatment", "aside"],
+  ["last_scan", "Last scan", "aside"],
+  ["frequency", "Frequencies (Hz)", "aside"],
   ["ratio", "f/f₀"],
   ["", "History"],
   ["alarms", "Alarms"],
@@ -79,19 +79,19 @@ function Table({ page, sort }) {
     return html`<p class="wait">No plant here. A scan whose specification names a plant makes one.</p>`;
   return html`<div class="scroll"><table class="plants">
     <caption class="hidden-label">${counted(page.items.length, "plant")} on this page</caption>
-    <thead><tr>${COLUMNS.map(([key, label]) => html`<${Heading} name=${key} label=${label} sort=${sort} />`)}</tr>
+    <thead><tr>${COLUMNS.map(([key, label, look]) => html`<${Heading} name=${key} label=${label} look=${look} sort=${sort} />`)}</tr>
       </thead>
     <tbody>${page.items.map((plant) => html`<${Row} key=${plant.id} plant=${plant} />`)}</tbody>
   </table></div>`;
 }
 
 /** A column's head; pressing it sorts, pressing it again turns the order round. */
-function Heading({ name, label, sort }) {
+function Heading({ name, label, look, sort }) {
   if (!name) return html`<th scope="col">${label}</th>`;
   const up = sort === name;
   const down = sort === `-${name}`;
   const turn = () => requery({ sort: up ? `-${name}` : name, cursor: "", trail: "" });
-  return html`<th scope="col" aria-sort=${up ? "ascending" : down ? "descending" : "none"}><button onClick=${turn}>
+  return html`<th scope="col" class=${look} aria-sort=${up ? "ascending" : down ? "descending" : "none"}><button onClick=${turn}>
     ${label} <span aria-hidden="true">${up ? "↑" : down ? "↓" : ""}</span></button></th>`;
 }
 
@@ -100,17 +100,20 @@ function Row({ plant }) {
   const open = (event) => event.target.closest("a") || go(to(["plants", plant.id]));
   return html`<tr onClick=${open} data-plant=${plant.id}>
     <td><a href=${to(["plants", plant.id])}>${plant.name || plant.id}</a><br /><span class="small">
-      ${[plant.name && plant.id, plant.position].filter(Boolean).join(" · ")}</span></td>
-    <td>${plant.treatment} ${plant.tags.map((tag) => html`<span class="tag">${tag}</span>`)}</td>
-    <td>${
+      ${[plant.name && plant.id, plant.position].filter(Boolean).join(" · ")}</span>
+      <span class="small only-small">${[plant.treatment, plant.last_scan?.status === "failed" && "last scan failed"]
+        .filter(Boolean)
+        .join(" · ")}</span></td>
+    <td class="aside">${plant.treatment} ${plant.tags.map((tag) => html`<span class="tag">${tag}</span>`)}</td>
+    <td class="aside">${
       plant.last_scan
         ? html`<a href=${to(["scans", plant.last_scan.id])}><${State} of=${plant.last_scan.status} /></a><br /><time
           class="small" datetime=${plant.last_scan.at} title=${moment(plant.last_scan.at)}>${ago(plant.last_scan.at)}
           </time>`
         : html`<span class="soft">never scanned</span>`
     }</td>
-    <td>${plant.frequencies.slice(0, MOST_FREQUENCIES).map((one) => html`<span class=${one.doubtful ? "soft" : ""}
-      title=${one.name}>${number(one.frequency_hz, 4)}${one.doubtful ? "?" : ""}</span> `)}${more > 0 ? html`<span
+    <td class="aside">${plant.frequencies.slice(0, MOST_FREQUENCIES).map((one) => html`<span class=${one.doubtful ? "soft" : ""}
+      title=${one.name}>${digits(one.frequency_hz)}${one.doubtful ? "?" : ""}</span> `)}${more > 0 ? html`<span
       class="small">+${more}</span>` : ""}</td>
     <td class="number">${plant.ratio == null ? "–" : percent(plant.ratio, 1)}</td>
     <td><${Spark} points=${plant.spark} label=${sparkWords(plant)} /></td>

@@ -57,8 +57,9 @@ function Head({ plant }) {
     plant.study && `study ${plant.study}`,
   ].filter(Boolean);
   return html`
-    <div class="head"><h1>${plant.name || plant.id}</h1><span>${plant.last_scan && html`<${State}
-      of=${plant.last_scan.status} word=${`last scan ${plant.last_scan.status}`} />`}</span></div>
+    <div class="head"><h1>${plant.name || plant.id}</h1><span>${plant.last_scan && html`<a
+      href=${to(["scans", plant.last_scan.id])}><${State} of=${plant.last_scan.status}
+      word=${`last scan ${plant.last_scan.status}`} /></a>`}</span></div>
     <p class="small">${plant.id} · ${facts.join(" · ")} · ${counted(plant.scans, "scan")}${plant.last_scan ? `, the last ${ago(plant.last_scan.at)}` : ""}
       ${plant.missed_scans ? ` · ${plant.missed_scans} missed` : ""} ${plant.tags.map((tag) => html`<span class="tag">
         ${tag}</span>`)}</p>

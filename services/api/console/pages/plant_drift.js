@@ -3,6 +3,7 @@
  */
 import { html } from "../app/html.js";
 import { day, measured, number, percent } from "../app/format.js";
+import { inWords } from "../app/words.js";
 import { Chart } from "../parts/chart.js";
 import { seconds } from "./plant_history.js";
 
@@ -19,7 +20,7 @@ export function Drift({ story }) {
   if (!drift?.charts?.length)
     return html`<p class="wait">Control charts begin once there are enough scans for a reference.</p>`;
   return html`
-    <p class="small">Reference: ${drift.reference.scans} scans from ${day(drift.reference.from)} to ${day(drift.reference.until)}. ${drift.covariates?.length ? `What ${drift.covariates.join(", ")} explain is taken off before.` : "Nothing of the environment is taken off."}
+    <p class="small">Reference: ${drift.reference.scans} scans from ${day(drift.reference.from)} to ${day(drift.reference.until)}. ${drift.covariates?.length ? `What ${drift.covariates.map(inWords).join(", ")} ${drift.covariates.length === 1 ? "explains" : "explain"} is taken off before.` : "Nothing of the environment is taken off."}
       </p>
     <p class="small">Diamonds are signals: values beyond the dashed limits.</p>
     <div class="two">${drift.charts.map((one, k) => html`<${Control} key=${k} chart=${one}

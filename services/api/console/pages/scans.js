@@ -41,23 +41,25 @@ export function Table({ page }) {
   if (!page.items.length) return html`<p class="wait">No scans here. <a href=${to(["new"])}>Start one.</a></p>`;
   return html`<div class="scroll"><table>
     <caption class="hidden-label">${counted(page.items.length, "scan")} on this page</caption>
-    <thead><tr><th scope="col">Scan</th><th scope="col">State</th><th scope="col">Progress</th><th
+    <thead><tr><th scope="col">Scan</th><th scope="col">State</th><th scope="col" class="aside">Progress</th><th
       scope="col">Plant</th>
-      <th scope="col">Source</th><th scope="col">Tags</th><th scope="col">Submitted</th></tr></thead>
+      <th scope="col" class="aside">Source</th><th scope="col" class="aside">Tags</th><th scope="col">Submitted</th></tr></thead>
     <tbody>${page.items.map((scan) => html`<${Row} key=${scan.id} scan=${scan} />`)}</tbody>
   </table></div>`;
 }
 
 function Row({ scan }) {
   const done = overall(scan.progress);
+  const going = !scan.finished_at;
   return html`<tr>
     <td><a href=${to(["scans", scan.id])}>${scan.name}</a></td>
-    <td><${State} of=${scan.status} word=${scan.state} /></td>
-    <td>${scan.status === "succeeded" ? "" : html`<${Bar} fraction=${done}
+    <td><${State} of=${scan.status} word=${scan.state} />${going && html` <span class="small only-small">
+      ${percent(done)}</span>`}</td>
+    <td class="aside">${going && html`<${Bar} fraction=${done}
       label=${`Progress of ${scan.name}`} /> ${percent(done)}`}</td>
     <td>${scan.plant ? html`<a href=${to(["plants", scan.plant])}>${scan.plant}</a>` : ""}</td>
-    <td>${scan.source}</td>
-    <td>${scan.tags.map((tag) => html`<span class="tag">${tag}</span>`)}</td>
+    <td class="aside">${scan.source}</td>
+    <td class="aside">${scan.tags.map((tag) => html`<span class="tag">${tag}</span>`)}</td>
     <td><time datetime=${scan.created_at} title=${moment(scan.created_at)}>${ago(scan.created_at)}</time></td>
   </tr>`;
 }

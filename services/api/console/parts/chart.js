@@ -170,7 +170,8 @@ function seriesOf({
 function drawMarks(u, marks, levels) {
   const { ctx, bbox } = u;
   ctx.save();
-  for (const mark of marks) {
+  const rows = [];
+  for (const mark of [...marks].sort((one, other) => one.x - other.x)) {
     const at = u.valToPos(mark.x, "x", true);
     if (at < bbox.left || at > bbox.left + bbox.width) continue;
     ctx.strokeStyle = ctx.fillStyle = colour(mark.hue ?? "vermillion");
@@ -178,7 +179,7 @@ function drawMarks(u, marks, levels) {
     ctx.lineWidth = devicePixelRatio;
     ctx.setLineDash((mark.dash ?? []).map((one) => one * devicePixelRatio));
     line(ctx, at, bbox.top, at, bbox.top + bbox.height);
-    if (mark.short) ctx.fillText(mark.short, at + 3, bbox.top + 10 * devicePixelRatio);
+    if (mark.short) label(ctx, mark.short, at + 3, bbox, rows);
   }
   for (const level of levels) {
     const at = u.valToPos(level.y, "y", true);
@@ -188,6 +189,14 @@ function drawMarks(u, marks, levels) {
     line(ctx, bbox.left, at, bbox.left + bbox.width, at);
   }
   ctx.restore();
+}
+
+/** A mark's word in the first row where it covers no other; `rows` says where each row is free from. */
+function label(ctx, word, at, bbox, rows) {
+  const free = rows.findIndex((end) => end < at);
+  const row = free < 0 ? rows.length : free;
+  rows[row] = at + ctx.measureText(word).width + 4;
+  ctx.fillText(word, at, bbox.top + (10 + 12 * row) * devicePixelRatio);
 }
 
 function band(u, { x, width_x: half }) {
