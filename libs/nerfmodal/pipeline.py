@@ -29,7 +29,7 @@ from nerfmodal.spec import (
     ScanSpec,
     SimulationSource,
 )
-from nerfmodal.types import Checkpoint, Frame, Outcome, PointCloud, Provenance, ScanResult
+from nerfmodal.types import Checkpoint, Frame, Look, Outcome, PointCloud, Provenance, ScanResult
 
 SPREAD_VOXELS = 3.0
 """A ray whose weights lie further apart than this (quartiles, voxels) ends in fog, not on a surface."""
@@ -179,7 +179,7 @@ def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Rep
     return replace(points, device=checkpoint.device)
 
 
-def _points(spec: ScanSpec, look: cloud.Look, frame: Frame, scene: field.Scene, *, report: Report) -> PointCloud:
+def _points(spec: ScanSpec, look: Look, frame: Frame, scene: field.Scene, *, report: Report) -> PointCloud:
     return cloud.extract(
         look,
         frame,

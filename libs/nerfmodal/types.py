@@ -4,6 +4,7 @@ World: right-handed, metres, +z up. Cameras: OpenGL (+x right, +y up, looking al
 centre of the first pixel plus one half: its centre lies at (0.5, 0.5).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Literal
@@ -15,6 +16,8 @@ DistortionModel = Literal["pinhole", "opencv", "fisheye"]
 FieldKind = Literal["grid", "mlp", "moved"]
 """`moved` is no field: the points of frame 0 where a frame shows them."""
 SurfaceKind = Literal["polynomial", "tensor", "spline", "cylinder"]
+Look = Callable[[Int[np.ndarray, "rays 3"]], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+"""Pixels (camera, row, column) to colours (rays, 3), opacities, distances and their spreads (rays,), metres."""
 
 
 class Outcome(Enum):

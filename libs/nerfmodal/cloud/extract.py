@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from nerfmodal.geometry.cameras import unproject
-from nerfmodal.types import Frame, Outcome, PointCloud, Rig
+from nerfmodal.types import Frame, Look, Outcome, PointCloud, Rig
 
-Look = Callable[[Int[np.ndarray, "rays 3"]], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 GOLDEN = 0.6180339887498949
 BLOCK = 65_536
 """Rays asked at a time."""

@@ -16,12 +16,10 @@ from nerfmodal.field.device import described
 from nerfmodal.field.views import Views, views_of
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.spec import ReconstructionSpec
-from nerfmodal.types import Checkpoint, Frame
+from nerfmodal.types import Checkpoint, Frame, Look
 
 VOXELS_ALONG = 192
 """Voxels along the region's largest side, unless the voxel is given."""
-Look = Callable[[Int[np.ndarray, "rays 3"]], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
-"""Pixels (camera, row, column) to colours (rays, 3), opacities, distances and their spreads (rays,), metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ background behind it (Porter and Duff 1984); the field's is only where both colo
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -14,10 +14,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from nerfmodal.geometry.cameras import unproject
 from nerfmodal.geometry.deformation import deformation_of
 from nerfmodal.tracking.pyramid import smoothed
-from nerfmodal.types import Camera, Frame
+from nerfmodal.types import Camera, Frame, Look
 
-Look = Callable[[Int[np.ndarray, "rays 3"]], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
-"""(camera, row, column) to colours, opacities, distances (m) and the spread of the distance (m)."""
 Labels = Callable[[Float[np.ndarray, "points 3"]], Int[np.ndarray, " points"]]
 """The number of the organ that each place belongs to; -1 where it is none's."""
 
@@ -59,6 +57,9 @@ class Reference:
     cloud: Float[np.ndarray, "cloud 3"]
     colors: Float[np.ndarray, "cloud 3"]
     owner: Int[np.ndarray, " cloud"]
+
+
+ARRAYS = tuple(each.name for each in fields(Reference) if each.name != "organs")
 
 
 def prepare(
@@ -111,28 +112,15 @@ def prepare(
 
 def reference_arrays(reference: Reference) -> dict[str, np.ndarray]:
     """The reference as named arrays, as a checkpoint keeps them."""
-    names = "\n".join(reference.organs).encode()
-    kept = {"follow/organs": np.frombuffer(names, dtype=np.uint8)}
-    for name in ("flat", "organ", "points", "trust", "unrest", "opacity", "cloud", "colors", "owner"):
-        kept[f"follow/{name}"] = getattr(reference, name)
+    kept = {f"follow/{name}": getattr(reference, name) for name in ARRAYS}
+    kept["follow/organs"] = np.frombuffer("\n".join(reference.organs).encode(), dtype=np.uint8)
     return kept
 
 
 def reference_of(state: Mapping[str, np.ndarray]) -> Reference:
     """The inverse of `reference_arrays`."""
-    names = tuple(state["follow/organs"].tobytes().decode().split("\n"))
-    return Reference(
-        organs=names if names != ("",) else (),
-        flat=state["follow/flat"],
-        organ=state["follow/organ"],
-        points=state["follow/points"],
-        trust=state["follow/trust"],
-        unrest=state["follow/unrest"],
-        opacity=state["follow/opacity"],
-        cloud=state["follow/cloud"],
-        colors=state["follow/colors"],
-        owner=state["follow/owner"],
-    )
+    names = state["follow/organs"].tobytes().decode().split("\n")
+    return Reference(organs=tuple(name for name in names if name), **{name: state[f"follow/{name}"] for name in ARRAYS})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
