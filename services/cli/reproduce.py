@@ -37,8 +37,6 @@ BY_DEFAULT = ["paper", "paper-off-bin"]
 POLL_S = 0.5
 PREDECESSOR_S = 30.0
 """A service ends within 20 s of its parent."""
-SMALL_SAMPLES = 16
-"""Rays a pixel: with the demo's, the edges of leaflets jump where a camera's pixels shade them (docs/explanation)."""
 PORTRAIT = RigSpec(cameras=4, width_px=600, height_px=800, lowest_deg=5, highest_deg=30)
 PORTRAIT_SAMPLES = 32
 """Of Figure 4: the plant at rest, large, from several sides."""
@@ -98,7 +96,7 @@ def experiment(name: str, scale: Scale, seed: int, renderer: str, frames: int | 
     changes: Document = {"renderer": renderer, "frames": frames or spec.source.frames}
     reconstruction = spec.reconstruction
     if scale == "small":
-        changes |= {"rig": DEFAULT.source.rig, "samples": SMALL_SAMPLES}
+        changes |= {"rig": DEFAULT.source.rig, "samples": DEFAULT.source.samples}
         reconstruction = DEFAULT.reconstruction
     source = spec.source.model_copy(update=changes)
     return spec.model_copy(update={"source": source, "reconstruction": reconstruction, "seed": seed})

@@ -1,7 +1,8 @@
 """`identify`: displacement in, modes out; and `identify_scan`, the same for every organ of a scan.
 
 PCA (eq 12) → complexity pursuit (eq 13, the paper's chain) and the whitened joint damped-sinusoid fit → one model, in
-which every mode carries a verdict, and the other method's opinion beside it. Lost frames are gaps.
+which every mode carries a verdict, and the other method's opinion beside it. Lost frames are gaps; so are those that went
+astray.
 """
 
 import zlib
@@ -19,6 +20,7 @@ from nerfmodal.identify.readings import Record
 from nerfmodal.identify.reduction import principal_axes
 from nerfmodal.identify.single import model_of_pursuit, model_of_subspace
 from nerfmodal.identify.sinusoids import SinusoidFit, fit_sinusoids, useful_channels
+from nerfmodal.identify.strays import stray_frames, without
 from nerfmodal.identify.subspace import read_subspace
 from nerfmodal.spec import IdentificationSpec, OrganSpec
 from nerfmodal.types import (
@@ -96,7 +98,7 @@ def identify(
     -------
     OrganResult
         Without modes and with the outcome saying why if the record is too short or nothing moves. `reduction` holds the
-        components that complexity pursuit worked on.
+        components that complexity pursuit worked on. Frames that went astray are lost in its displacement.
     """
     valid = displacement.valid
     if int(valid.sum()) < FEWEST_FRAMES:
@@ -114,6 +116,9 @@ def identify(
         rng=organ_generator(seed, displacement.sensors.organ),
         known=known,
     )
+    astray = stray_frames(fit.residuals, valid)
+    if astray.any():
+        return identify(without(displacement, astray), settings, seed=seed, surface=surface, known=known)
     count = _components(settings, len(fit.frequencies), channels)
     fitted, pursued = read_fit(record, fit), pursue(record, count)
     if settings.excitation == "ambient" or (settings.excitation == "auto" and _looks_ambient(record, fit)):
