@@ -1,8 +1,8 @@
 """`identify`: displacement in, modes out; and `identify_scan`, the same for every organ of a scan.
 
 PCA (eq 12) → complexity pursuit (eq 13, the paper's chain) and the whitened joint damped-sinusoid fit → one model, in
-which every mode carries a verdict, and the other method's opinion beside it. Lost frames are gaps; so are those that went
-astray.
+which every mode carries a verdict, and the other method's opinion beside it. Lost frames are gaps; frames that went
+astray are lost.
 """
 
 import zlib
