@@ -69,8 +69,8 @@ def _modes(rows: Sequence[Document]) -> list[str]:
     ]
     return head + [
         f"| {row['organ']} | {row['shape'] or NONE} | {_number(row['paper_hz'], 0)} | {_number(row['truth_hz'], 2)} | "
-        f"{_with_std(row['found_hz'], row['found_hz_std'], 4)} | {_percent(row['truth_damping'])} | "
-        f"{_with_std(_hundred(row['found_damping']), _hundred(row['found_damping_std']), 2)} % | "
+        f"{_with_std(row['found_hz'], row['found_hz_std'], 5)} | {_percent(row['truth_damping'])} | "
+        f"{_with_std(_hundred(row['found_damping']), _hundred(row['found_damping_std']), 3)} % | "
         f"{_number(row['mac'], 3)} | {row['verdict'] or 'not found'} |"
         for row in rows
     ]

@@ -102,7 +102,7 @@ def test_each_goal_can_be_missed(stored: dict[str, Any], change: dict[str, Any],
 def test_the_page_says_what_is_stored(stored: dict[str, Any]):
     text = page(json.loads(json.dumps(stored)))
     assert stored["command"] in text
-    assert "| leaf_0 | bending_1 | – | 2.17 | 2.1700 ± 0.0030 |" in text
+    assert "| leaf_0 | bending_1 | – | 2.17 | 2.17000 ± 0.00300 |" in text
     assert "2 cores, 8 GiB memory" in text
     assert "1.5 minutes" in text
 
