@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_erosion, map_coordinates
 
-from nerfmodal.field.beyond import FLAT
+from nerfmodal.field.beyond import FLAT, on_ground
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
-from nerfmodal.field.views import directions_of, pixels_at, views_of
+from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.geometry.cameras import project
-from nerfmodal.types import Camera, Frame
+from nerfmodal.types import Camera, Frame, Rig
 
 
 def still_backgrounds(field: GridField, first: Frame) -> UInt8[np.ndarray, "cameras height width 3"]:
@@ -33,32 +33,30 @@ def still_backgrounds(field: GridField, first: Frame) -> UInt8[np.ndarray, "came
         backgrounds[number] = np.where(clear[number, :, :, None], image, learned)
     if not math.isnan(field.ground):
         surely = np.stack([binary_erosion(one, np.ones((3, 3), dtype=bool)) for one in clear])
-        for flat, colors in ground_behind(field.ground, first, surely):
+        for flat, colors in ground_behind(field.ground, first.rig, views, surely):
             backgrounds.reshape(-1, 3)[flat] = colors
     return backgrounds
 
 
 def ground_behind(
-    height: float, first: Frame, clear: Bool[np.ndarray, "cameras height width"]
+    height: float, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"]
 ) -> Iterator[tuple[Int[np.ndarray, " pixels"], UInt8[np.ndarray, "pixels 3"]]]:
     """Of each camera, the pixels that do not see the ground clearly while another camera does, and what that shows."""
-    views = views_of(first)
     hidden = np.flatnonzero(~clear)
     pixels = pixels_at(hidden, clear.shape)
     directions = directions_of(views, pixels)
     falls = directions[:, 2] < FLAT
     hidden, pixels, directions = hidden[falls], pixels[falls], directions[falls]
-    origins = views.poses[pixels[:, 0], :3, 3]
-    points = origins + directions * ((height - origins[:, 2]) / directions[:, 2])[:, None]
-    closest, nearness = np.full(len(points), -1), np.zeros(len(points))
-    for number, camera in enumerate(first.rig.cameras):
-        nearer = np.where(_seen(camera, points, clear[number]), _nearness(camera, points), 0.0)
+    points = on_ground(height, views.poses[pixels[:, 0], :3, 3], directions)
+    closest, nearness, places = np.full(len(points), -1), np.zeros(len(points)), np.empty((len(points), 2))
+    for number, camera in enumerate(rig.cameras):
+        shown, seen = _seen(camera, points, clear[number])
+        nearer = np.where(seen, _nearness(camera, points), 0.0)
         better = nearer > nearness
-        closest[better], nearness[better] = number, nearer[better]
-    for number, camera in enumerate(first.rig.cameras):
+        closest[better], nearness[better], places[better] = number, nearer[better], shown[better]
+    for number in np.unique(closest[closest >= 0]):
         mine = closest == number
-        if mine.any():
-            yield hidden[mine], _read(first.images[number], project(camera, points[mine])[0])
+        yield hidden[mine], _read(views.images[number], places[mine])
 
 
 def _nearness(camera: Camera, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
@@ -69,13 +67,13 @@ def _nearness(camera: Camera, points: Float[np.ndarray, "points 3"]) -> Float[np
 
 def _seen(
     camera: Camera, points: Float[np.ndarray, "points 3"], clear: Bool[np.ndarray, "height width"]
-) -> Bool[np.ndarray, " points"]:
-    """Whether the camera sees the points, and nothing before them."""
+) -> tuple[Float[np.ndarray, "points 2"], Bool[np.ndarray, " points"]]:
+    """The pixels of the points, and whether the camera sees them and nothing before them."""
     places, depths = project(camera, points)
     inside = (depths > 0) & (places > 1).all(axis=1) & (places < [camera.width - 1, camera.height - 1]).all(axis=1)
     columns, rows = places[inside].astype(int).T
     inside[inside] = clear[rows, columns]
-    return np.asarray(inside)
+    return places, np.asarray(inside)
 
 
 def _read(

@@ -11,9 +11,7 @@ from nerfmodal.field.grid import GridField
 from nerfmodal.field.views import Views, directions_of, pixels_at
 
 FLAT = -1e-4
-"""Rays that fall less than this see the sky, as in `kernels.meet_ground`."""
-
-
+"""Rays that fall less than this see the sky, as in `marching.meet_ground`."""
 MOST_PIXELS = 4_000_000
 """More than so many say nothing new of a texture."""
 
@@ -35,12 +33,19 @@ def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras h
     field.values[start + field.sides[0] ** 2 :, 1:] = _medians(sky, colors[~falls], field.sides[1])
 
 
+def on_ground(
+    height: float, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+) -> Float[np.ndarray, "rays 3"]:
+    """Where rays that fall meet the ground at `height`, metres."""
+    t = (height - origins[:, 2]) / directions[:, 2]
+    return np.asarray(origins + t[:, None] * directions)
+
+
 def _ground_points(
     field: GridField, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
 ) -> Float[np.ndarray, "rays 2"]:
-    t = (field.ground - origins[:, 2]) / directions[:, 2]
     center = field.bricks.low + field.half
-    scaled = ((origins + t[:, None] * directions - center) / field.half)[:, :2]
+    scaled = ((on_ground(field.ground, origins, directions) - center) / field.half)[:, :2]
     r = np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1.0)
     return 0.5 + scaled * (2.0 - 1.0 / r) / r * 0.25
 

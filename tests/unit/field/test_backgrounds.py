@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from nerfmodal.field.backgrounds import ground_behind
+from nerfmodal.field.views import views_of
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.geometry.rays import rig_directions
 from nerfmodal.spec import RigSpec
@@ -32,7 +33,7 @@ def floor() -> Frame:
 def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> None:
     clear = np.ones(floor.images.shape[:3], dtype=bool)
     clear[:, 20:44, 28:36] = False
-    filled = list(ground_behind(HEIGHT, floor, clear))
+    filled = list(ground_behind(HEIGHT, floor.rig, views_of(floor), clear))
     flat = np.concatenate([numbers for numbers, _ in filled])
     off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
     assert set(flat) <= set(np.flatnonzero(~clear))
@@ -42,7 +43,7 @@ def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> No
 
 
 def test_nothing_is_said_of_what_nobody_sees(floor: Frame) -> None:
-    assert not list(ground_behind(HEIGHT, floor, np.zeros(floor.images.shape[:3], dtype=bool)))
+    assert not list(ground_behind(HEIGHT, floor.rig, views_of(floor), np.zeros(floor.images.shape[:3], dtype=bool)))
 
 
 def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
@@ -50,7 +51,7 @@ def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
     clear = np.ones(floor.images.shape[:3], dtype=bool)
     clear[0] = False
     dark = Frame(index=0, time=0.0, rig=floor.rig, images=np.where(clear[..., None], floor.images, 0).astype(np.uint8))
-    filled = list(ground_behind(HEIGHT, dark, clear))
+    filled = list(ground_behind(HEIGHT, dark.rig, views_of(dark), clear))
     flat = np.concatenate([numbers for numbers, _ in filled])
     off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
     assert (flat < SIDE * SIDE).all()
