@@ -17,7 +17,7 @@ import numpy as np
 from nerfmodal import export, figures
 from nerfmodal.types import DisplacementMatrix, ModalModel, OrganResult, Reduction, ScanResult, SensorGrid
 
-from benchmarks.rows import Row
+from benchmarks.rows import Row, print_and_write
 from tests.fixtures.scans import FRAME_RATE, small_result, small_spec
 
 FRAMES, SENSORS, TERMS, MODES = 10_000, 99_990, 21, 3
@@ -102,12 +102,7 @@ def main() -> None:
     if sys.argv[1:] == ["--measure"]:
         print(json.dumps(measure()))
         return
-    table = list(rows())
-    for row in table:
-        print(row.line())
-    path = Path("out/benchmarks/exports.json")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps([row.as_json() for row in table], indent=2) + "\n")
+    print_and_write(rows(), Path("out/benchmarks/exports.json"))
 
 
 if __name__ == "__main__":

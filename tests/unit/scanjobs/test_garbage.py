@@ -8,6 +8,7 @@ from nerfmodal.spec import IdentificationSpec, ScanSpec
 from scanjobs import control, dispatch, leases, repository, workers
 from scanjobs.artifacts import ArtifactStore, Stored
 from scanjobs.chores import is_mine
+from scanjobs.claims import Claim
 from scanjobs.errors import IllegalTransition, NotFound
 from scanjobs.fanin import Output
 from scanjobs.fsck import check
@@ -34,14 +35,28 @@ def stored(files: ArtifactStore, content: str) -> Stored:
     return files.put(path)
 
 
-def finished_scan(store: Store, spec: ScanSpec, made: Stored) -> str:
-    """A cancelled scan whose first step had made a file."""
+def begun_scan(store: Store, spec: ScanSpec) -> tuple[str, Claim]:
+    """A scan whose first step is under way."""
     identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
     store.write(lambda session: workers.register(session, identity, 600.0))
     scan_id = store.write(lambda session: repository.insert_scan(session, spec)).scan.id
     message = store.write(dispatch.dispatch)[0]
     claim = store.write(lambda session: leases.claim(session, message.step_id, "w", 60.0))
     assert claim is not None
+    return scan_id, claim
+
+
+def half_done(store: Store, files: ArtifactStore, claim: Claim) -> Output:
+    """What a step that is under way has saved of itself."""
+    saved = stored(files, "half a training")
+    output = Output(role="resume", name="n", digest=saved.digest, size=saved.size, media_type="x")
+    assert store.write(lambda session: leases.save(session, claim, output))
+    return output
+
+
+def finished_scan(store: Store, spec: ScanSpec, made: Stored) -> str:
+    """A cancelled scan whose first step had made a file."""
+    scan_id, claim = begun_scan(store, spec)
     output = Output(role="frame", name="n", digest=made.digest, size=made.size, media_type="x")
     store.write(lambda session: leases.finish(session, claim, [output], {}))
     store.write(lambda session: control.cancel_scan(session, scan_id))
@@ -181,35 +196,21 @@ def test_what_a_live_step_has_saved_is_no_garbage(store: Store, spec: ScanSpec, 
 
     Seen to fail: without the first half a training goes; without the second a step that has ended saves.
     """
-    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
-    store.write(lambda session: workers.register(session, identity, 600.0))
-    store.write(lambda session: repository.insert_scan(session, spec))
-    message = store.write(dispatch.dispatch)[0]
-    claim = store.write(lambda session: leases.claim(session, message.step_id, "w", 60.0))
-    assert claim is not None
-    saved = stored(files, "half a training")
-    output = Output(role="resume", name="n", digest=saved.digest, size=saved.size, media_type="x")
-    assert store.write(lambda session: leases.save(session, claim, output))
+    _, claim = begun_scan(store, spec)
+    output = half_done(store, files, claim)
     assert collect_garbage(store, files, older_than_s=-1.0) == ()
     store.write(lambda session: leases.finish(session, claim, (), {}))
     assert not store.write(lambda session: leases.save(session, claim, output))
-    assert collect_garbage(store, files, older_than_s=-1.0) == (saved.digest,)
+    assert collect_garbage(store, files, older_than_s=-1.0) == (output.digest,)
 
 
 def test_what_a_cancelled_step_has_saved_is_garbage(store: Store, spec: ScanSpec, files: ArtifactStore) -> None:
     """Guard: the states in `saved` of `_needed`. Seen to fail: without them it is kept for ever."""
-    identity = WorkerIdentity(id="w", host="here", pid=1, queues=QUEUES, slots=100)
-    store.write(lambda session: workers.register(session, identity, 600.0))
-    scan_id = store.write(lambda session: repository.insert_scan(session, spec)).scan.id
-    message = store.write(dispatch.dispatch)[0]
-    claim = store.write(lambda session: leases.claim(session, message.step_id, "w", 60.0))
-    assert claim is not None
-    saved = stored(files, "half a training")
-    output = Output(role="resume", name="n", digest=saved.digest, size=saved.size, media_type="x")
-    assert store.write(lambda session: leases.save(session, claim, output))
+    scan_id, claim = begun_scan(store, spec)
+    output = half_done(store, files, claim)
     store.write(lambda session: control.cancel_scan(session, scan_id))
     assert store.write(lambda session: leases.stopped(session, claim))
-    assert collect_garbage(store, files, older_than_s=-1.0) == (saved.digest,)
+    assert collect_garbage(store, files, older_than_s=-1.0) == (output.digest,)
 
 
 def test_chore_is_done_by_one_of_many_once_in_its_interval(store: Store) -> None:
