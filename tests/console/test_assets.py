@@ -11,6 +11,7 @@ from nerfmodal.types import Reason
 from starlette.testclient import TestClient
 
 from services.api.console.assets import FOLDER, accepts_gzip, library
+from services.api.console.imports import of_pages, of_shell
 from services.api.routes.console import POLICY
 from tests.unit.api.service import Service
 
@@ -57,6 +58,28 @@ def test_the_page_names_files_that_exist_and_no_other_host(http: TestClient):
     assert all(http.get(name).status_code == 200 for name in files)
     assert "//" not in "".join(files)
     assert "<script>" not in text
+
+
+def test_the_files_that_a_page_needs_are_found_through_all_imports_and_the_shell_s_are_not_told_twice():
+    contents = {
+        "app/main.js": b'import { a } from "./a.js";\n',
+        "app/a.js": b"export const a = 1;",
+        "pages/one.js": b'import {\n  x,\n} from "../parts/x.js";\nconst later = () => import("./two.js");\n',
+        "pages/two.js": b'import{a}from"../app/a.js";export{x}from"../parts/x.js";',
+        "parts/x.js": b'import { one } from "../pages/one.js"; // a circle\n',
+    }
+    assert of_shell(contents) == ["app/a.js", "app/main.js"]
+    both = ["pages/one.js", "parts/x.js"]
+    assert of_pages(contents) == {"one": both, "two": ["pages/one.js", "pages/two.js", "parts/x.js"]}
+
+
+def test_the_page_says_what_each_of_its_pages_imports_and_a_table_of_modes_waits_for_nothing_large(http: TestClient):
+    text = http.get("/").text
+    told = json.loads(text.split('id="imports">')[1].split("</script>")[0])
+    assert set(told) == {path.stem for path in (FOLDER / "pages").iterdir()}
+    assert all(name in library().files for names in told.values() for name in names)
+    assert not [name for name in told["scan"] if "three" in name]
+    assert {"vendor/uplot.js", "parts/chart.js", "pages/plant.js"} <= set(told["plant"])
 
 
 def test_a_file_is_kept_for_good_under_its_version_and_asked_for_under_another(http: TestClient):

@@ -17,10 +17,14 @@ from typing import Final
 from nerfmodal.types import Outcome, Reason
 from scanjobs.webhooks import MEANING
 
+from services.api.console.imports import of_pages, of_shell
+
 FOLDER: Final = Path(__file__).parent
 PAGE: Final = "index.html"
 VERSION_HERE: Final = b"{{version}}"
-"""In the page: where the version stands."""
+SHELL_HERE: Final = b"{{shell}}"
+IMPORTS_HERE: Final = b"{{imports}}"
+"""In the page: where the version stands, what every page preloads, and what each page imports beyond that."""
 MEDIA_TYPES: Final[Mapping[str, str]] = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -62,9 +66,15 @@ def library() -> Library:
     version = hashlib.sha256("".join(parts).encode() + page).hexdigest()[:16]
     return Library(
         version=version,
-        page=_asset(PAGE, page.replace(VERSION_HERE, version.encode())),
+        page=_asset(PAGE, _filled(page, version, contents)),
         files={name: _asset(name, content) for name, content in contents.items()},
     )
+
+
+def _filled(page: bytes, version: str, contents: Mapping[str, bytes]) -> bytes:
+    links = (f'<link rel="modulepreload" href="/console/{version}/{name}" />' for name in of_shell(contents))
+    page = page.replace(SHELL_HERE, "\n    ".join(links).encode())
+    return page.replace(IMPORTS_HERE, json.dumps(of_pages(contents)).encode()).replace(VERSION_HERE, version.encode())
 
 
 def words() -> Mapping[str, Mapping[str, str]]:

@@ -3,27 +3,13 @@
  */
 import { html, render, useEffect, useErrorBoundary, useState } from "./html.js";
 import { KEY_NEEDED, apiKey, get, keepKey } from "./api.js";
+import { load } from "./load.js";
+import { HOME, PAGES, fileOf } from "./pages.js";
 import { to, usePlace } from "./router.js";
 import { CHOICES, applyTheme, theme } from "./theme.js";
 import { KeyDialog } from "../parts/key.js";
 import { Told } from "../parts/told.js";
 import { ProblemBox } from "../parts/problem.js";
-
-const PAGES = {
-  plants: { label: "Plants", load: () => import("../pages/fleet.js") },
-  scans: { label: "Scans", load: () => import("../pages/scans.js") },
-  alarms: { label: "Alarms", load: () => import("../pages/alarms.js") },
-  new: { label: "New scan", load: () => import("../pages/new.js") },
-  schedules: { label: "Schedules", load: () => import("../pages/schedules.js") },
-  webhooks: { label: "Webhooks", load: () => import("../pages/webhooks.js") },
-  admin: { label: "Service", load: () => import("../pages/admin.js") },
-};
-const ONE = {
-  scans: () => import("../pages/scan.js"),
-  plants: () => import("../pages/plant.js"),
-  webhooks: () => import("../pages/webhook.js"),
-};
-const HOME = "plants";
 
 function Shell() {
   const here = usePlace();
@@ -84,14 +70,14 @@ function Appearance({ onKey }) {
 /** The page that a name and an optional id stand for, loaded when it is first shown. */
 function Page({ name, here }) {
   const [, id, ...rest] = here.parts;
-  const load = id ? ONE[name] : PAGES[name]?.load;
-  const which = load ? `${name}/${id ? "one" : "all"}` : "";
+  const which = fileOf(here.parts);
   const [found, setFound] = useState(null);
   const [problem, clear] = useErrorBoundary((error) => console.error(error));
   useEffect(() => {
     let gone = false;
     clear();
-    load?.().then(
+    if (!which) return undefined;
+    load(which).then(
       (module) => gone || setFound({ which, View: module.default }),
       (error) => gone || setFound({ which, error }),
     );
@@ -101,7 +87,7 @@ function Page({ name, here }) {
     document.title = `${PAGES[name]?.label ?? "Not found"} · nerfmodal`;
   }, [name]);
   if (problem || found?.error) return html`<${ProblemBox} problem=${problem ?? found.error} />`;
-  if (!load) return html`<h1>There is no such page</h1><p><a href=${to([])}>Go to the plants.</a></p>`;
+  if (!which) return html`<h1>There is no such page</h1><p><a href=${to([])}>Go to the plants.</a></p>`;
   if (found?.which !== which) return html`<p class="wait">Loading …</p>`;
   return html`<${found.View} key=${`${which} ${id ?? ""}`} id=${id} rest=${rest} query=${here.query} />`;
 }

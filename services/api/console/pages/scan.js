@@ -6,22 +6,24 @@ import { get } from "../app/api.js";
 import { ago, duration, moment, percent } from "../app/format.js";
 import { useCalm, useLoad, useStream } from "../app/hooks.js";
 import { to } from "../app/router.js";
+import { Later } from "../parts/later.js";
 import { Bar, Live, State, overall } from "../parts/marks.js";
 import { Loaded } from "../parts/problem.js";
 import { Tabs } from "../parts/tabs.js";
 import { tell } from "../parts/told.js";
 import { Actions } from "./scan_actions.js";
+import { Modes } from "./scan_modes.js";
 import { Steps } from "./scan_steps.js";
 
 const LOOK_MS = 400;
 const PARTS = {
-  steps: { label: "Steps", load: async () => Steps },
-  modes: { label: "Modes", load: async () => (await import("./scan_modes.js")).Modes },
-  signals: { label: "Signals", load: async () => (await import("./scan_signals.js")).Signals },
-  pictures: { label: "Pictures", load: async () => (await import("./scan_pictures.js")).Pictures },
-  cloud: { label: "Point cloud", load: async () => (await import("./scan_cloud.js")).Cloud },
-  logs: { label: "Logs", load: async () => (await import("./scan_logs.js")).Logs },
-  files: { label: "Files", load: async () => (await import("./scan_files.js")).Files },
+  steps: { label: "Steps", View: Steps },
+  modes: { label: "Modes", View: Modes },
+  signals: { label: "Signals", file: "scan_signals", name: "Signals" },
+  pictures: { label: "Pictures", file: "scan_pictures", name: "Pictures" },
+  cloud: { label: "Point cloud", file: "scan_cloud", name: "Cloud" },
+  logs: { label: "Logs", file: "scan_logs", name: "Logs" },
+  files: { label: "Files", file: "scan_files", name: "Files" },
 };
 
 export default function Scan({ id, rest, query }) {
@@ -76,7 +78,7 @@ function View({ scan, live, ticks, part, query, onChange }) {
     <${Actions} scan=${scan} onChange=${onChange} />
     <${Tabs} label="Parts of the scan" current=${part}
       tabs=${Object.entries(PARTS).map(([key, one]) => [key, one.label, to(["scans", scan.id, key])])} />
-    <${Part} key=${part} name=${part} scan=${scan} ticks=${ticks} query=${query} />
+    <${Part} key=${part} part=${part} scan=${scan} ticks=${ticks} query=${query} />
   `;
 }
 
@@ -88,12 +90,8 @@ function Failure({ error }) {
   </div>`;
 }
 
-function Part({ name, scan, ticks, query }) {
-  const [View, setView] = useState(null);
-  useEffect(() => {
-    let gone = false;
-    (PARTS[name] ?? PARTS.steps).load().then((view) => gone || setView(() => view));
-    return () => (gone = true);
-  }, [name]);
-  return View ? html`<${View} scan=${scan} ticks=${ticks} query=${query} />` : html`<p class="wait">Loading …</p>`;
+/** The steps and the modes come with the page, the other parts when they are asked for. */
+function Part({ part, ...rest }) {
+  const { View, file, name } = PARTS[part] ?? PARTS.steps;
+  return View ? html`<${View} ...${rest} />` : html`<${Later} file=${file} name=${name} ...${rest} />`;
 }

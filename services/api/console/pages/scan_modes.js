@@ -7,9 +7,9 @@ import { get } from "../app/api.js";
 import { counted, measured, number, percent } from "../app/format.js";
 import { useLoad } from "../app/hooks.js";
 import { requery } from "../app/router.js";
+import { Later } from "../parts/later.js";
 import { State } from "../parts/marks.js";
 import { Loaded } from "../parts/problem.js";
-import { ModeView } from "./mode_view.js";
 import { fetchTruth, pairs } from "./truth.js";
 
 export function Modes({ scan, ticks, query }) {
@@ -50,7 +50,7 @@ function Document({ scan, document, truth, query }) {
         <${Table} entries=${entries} chosen=${chosen} paired=${paired} />
         <${Missed} paired=${paired} />
       </div>
-      <${ModeView} scan=${scan} entry=${chosen} />
+      <${Later} file="mode_view" name="ModeView" scan=${scan} entry=${chosen} />
     </div>`
     }
   `;

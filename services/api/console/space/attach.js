@@ -10,23 +10,23 @@ const SAMPLE = 200;
 /** Motion at points: Float32Array of 3 per point, metres for a coordinate of 1. All arguments are flat arrays. */
 export function motionAt(points, sensors, motion) {
   const radius = SPACINGS * spacing(sensors);
-  const grid = gridOf(sensors, radius);
+  const near = neighbourhoods(sensors, radius);
   const result = new Float32Array(points.length);
   for (let k = 0; k < points.length; k += 3) {
     let [weight, x, y, z] = [0, 0, 0, 0];
-    visit(grid, radius, points[k], points[k + 1], points[k + 2], (s) => {
+    for (const s of near(points[k], points[k + 1], points[k + 2])) {
       const far =
         ((points[k] - sensors[s]) ** 2 +
           (points[k + 1] - sensors[s + 1]) ** 2 +
           (points[k + 2] - sensors[s + 2]) ** 2) /
         radius ** 2;
-      if (far >= 1) return;
+      if (far >= 1) continue;
       const share = (1 - far) ** 2 / (far + 1e-4);
       weight += share;
       x += share * motion[s];
       y += share * motion[s + 1];
       z += share * motion[s + 2];
-    });
+    }
     if (weight > 0) result.set([x / weight, y / weight, z / weight], k);
   }
   return result;
@@ -53,28 +53,27 @@ export function spacing(sensors) {
   return nearest.sort((a, b) => a - b)[nearest.length >> 1];
 }
 
-const cell = (value, radius) => Math.floor(value / radius);
-const name = (x, y, z) => (x * 73856093) ^ (y * 19349663) ^ (z * 83492791);
-
-function gridOf(sensors, radius) {
-  const grid = new Map();
+/** `near(x, y, z)`: the sensors in the cell of a point and in those around it; put together once for each cell. */
+function neighbourhoods(sensors, radius) {
+  const cell = (value, axis) => Math.floor((value - sensors[axis]) / radius);
+  const cells = new Map();
   for (let s = 0; s < sensors.length; s += 3) {
-    const key = name(cell(sensors[s], radius), cell(sensors[s + 1], radius), cell(sensors[s + 2], radius));
-    if (!grid.has(key)) grid.set(key, []);
-    grid.get(key).push(s);
+    const key = name(cell(sensors[s], 0), cell(sensors[s + 1], 1), cell(sensors[s + 2], 2));
+    if (!cells.has(key)) cells.set(key, []);
+    cells.get(key).push(s);
   }
-  return grid;
+  const joined = new Map();
+  return function near(x, y, z) {
+    const place = [cell(x, 0), cell(y, 1), cell(z, 2)];
+    const key = name(...place);
+    if (!joined.has(key)) joined.set(key, around(place).flatMap((one) => cells.get(one) ?? []));
+    return joined.get(key);
+  };
 }
 
-function visit(grid, radius, x, y, z, work) {
-  const [cx, cy, cz] = [cell(x, radius), cell(y, radius), cell(z, radius)];
-  const seen = new Set();
-  for (let i = -1; i <= 1; i++)
-    for (let j = -1; j <= 1; j++)
-      for (let k = -1; k <= 1; k++) {
-        const key = name(cx + i, cy + j, cz + k);
-        if (seen.has(key)) continue; // two cells may share a name
-        seen.add(key);
-        grid.get(key)?.forEach(work);
-      }
-}
+const AROUND = [-1, 0, 1];
+const around = ([i, j, k]) =>
+  AROUND.flatMap((a) => AROUND.flatMap((b) => AROUND.map((c) => name(i + a, j + b, k + c))));
+
+const HALF = 2 ** 16; // cells to either side of the first sensor: three places make one whole number, exactly
+const name = (i, j, k) => i + HALF + 2 * HALF * (j + HALF + 2 * HALF * (k + HALF));
