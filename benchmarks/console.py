@@ -49,7 +49,7 @@ PAGES = {
     "plant": ("plants/{plant}", ".uplot canvas"),
     "scans": ("scans", "tbody tr"),
     "scan": ("scans/{scan}", "table.modes tbody tr"),
-    "scan, its mode in space": ("scans/{scan}", ".stage canvas:not([data-points='0'])"),
+    "scan, its mode in space without a graphics card": ("scans/{scan}", ".stage canvas:not([data-points='0'])"),
     "alarms": ("alarms", "article.alarm"),
     "new scan": ("new", "[data-pointer='/name']"),
 }
