@@ -27,6 +27,9 @@ from nerfmodal.simulate.patches import grid_triangles
 from nerfmodal.simulate.stage import CHECKER_SIDE, CHECKER_TONES, GROUND_HALF
 from nerfmodal.types import Camera, Mesh
 
+LEAST_THREADS = 2
+"""With one thread the helper that Blender's scheduler (oneTBB) starts anyway finds its place taken and never sleeps: it
+spins on another core for as long as a picture is drawn, and takes more of the processor than the picture."""
 SENSOR_MM = 36.0
 SKY = "sunrise.exr"
 SKY_STRENGTH = 1.4
@@ -182,7 +185,7 @@ def _set_render(scene: Any) -> None:
     """Few bounces: the light is a sky, and the plant is seen for its motion."""
     render, cycles = scene.render, scene.cycles
     render.engine, render.resolution_percentage = "CYCLES", 100
-    render.threads_mode, render.threads = "FIXED", int(os.environ.get("NERFMODAL_THREADS") or os.cpu_count() or 1)
+    render.threads_mode, render.threads = "FIXED", max(_threads(), LEAST_THREADS)
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
@@ -190,6 +193,10 @@ def _set_render(scene: Any) -> None:
     cycles.diffuse_bounces, cycles.glossy_bounces = 2, 1
     cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 1
     cycles.caustics_reflective, cycles.caustics_refractive = False, False
+
+
+def _threads() -> int:
+    return int(os.environ.get("NERFMODAL_THREADS") or os.cpu_count() or 1)
 
 
 def _device(preferences: Any) -> str:
