@@ -39,7 +39,8 @@ PROBE = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pixels:
-    """The pixels of an organ: camera, place of frame 0 (world, m), pixel centre (x, y), weights (see `Reference`)."""
+    """The pixels of an organ, camera after camera: place of frame 0 (world, m), pixel centre (x, y), weights (see
+    `Reference`)."""
 
     camera: Int[np.ndarray, " pixels"]
     points: Float[np.ndarray, "pixels 3"]
@@ -138,11 +139,11 @@ class _Problem:
         opacity = shown[:, 3]
         self.part = shown[:, :3] - (1 - opacity)[:, None] * behind
         self.clear = (1 - opacity)[:, None]
-        self.basis = deformation.at(pixels.points)
+        self.basis = np.ascontiguousarray(deformation.at(pixels.points))
         self.orders = deformation.orders
         bright = Deformation(frame=deformation.frame, half=deformation.half, degrees=LIGHT_DEGREES)
         self.light_orders = bright.orders
-        self.light = bright.at(pixels.points)
+        self.light = np.ascontiguousarray(bright.at(pixels.points))
         self.dofs = 3 * self.basis.shape[1]
         self.size = self.dofs + 3 * self.light.shape[1]
         self.weights = pixels.trust / (1 + (pixels.unrest * (1 - opacity) / RESTLESS) ** 2)
@@ -195,9 +196,9 @@ class _Problem:
 
     def _projected(self, points: Float[np.ndarray, "pixels 3"]) -> Float[np.ndarray, "pixels 2"]:
         places = np.empty((len(points), 2))
-        for number in np.unique(self.pixels.camera):
-            mine = self.pixels.camera == number
-            places[mine], _ = project(self.cameras[number], points[mine])
+        ends = np.searchsorted(self.pixels.camera, np.arange(len(self.cameras)), side="right")
+        for camera, first, end in zip(self.cameras, (0, *ends), ends, strict=False):
+            places[first:end], _ = project(camera, points[first:end])
         return places
 
     def _sight(self, points: np.ndarray, places: np.ndarray) -> Float[np.ndarray, "pixels 2 3"]:
