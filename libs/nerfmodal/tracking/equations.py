@@ -3,8 +3,8 @@
 Unknowns are in the order (axis, term) of displacement, then (channel, term) of light. A row's derivative by the
 displacement's coefficient (a, i) is d_a B_i, by the light's (c, m) it is -F L_m in its own channel c. So every block of
 the normal matrix is a sum over pixels of a number times the product of two of their basis functions: a product of two
-matrices, one of them weighted. Pixels are cut into a fixed number of chunks whose sums are added in order: results do not
-depend on the number of threads.
+matrices, one of them weighted. Pixels are cut into a fixed number of chunks whose sums are added in order: results do
+not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -60,7 +60,7 @@ def accumulate(rises, sight, difference, weights, part, basis, light, camera, ca
 @numba.njit(cache=True, fastmath=True, nogil=True)
 @no_type_check
 def _weigh_motion(pull, difference, weights, part, basis, slope, by_stiff, by_mixed):
-    """One pixel's slope by displacement; its basis times what weighs it for each pair of axes, and of axis and channel."""
+    """One pixel's slope by displacement; its basis times the weight of each pair of axes, of each axis and channel."""
     terms = len(basis)
     pair = 0
     for a in range(3):
