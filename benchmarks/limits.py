@@ -134,6 +134,6 @@ def _scores(organ: OrganResult) -> np.ndarray:
 
 def _displacement_error(clouds: Sequence[PointCloud], truth: list[TrueMode]) -> float:
     organ, _ = identify_leaf(clouds, truth)
-    moved = sum(np.outer(mode.coordinates, truth_at_sensors(organ, mode)) for mode in truth)
+    moved = np.stack([mode.coordinates for mode in truth], axis=1) @ truth_at_sensors(organ, truth).T
     moved = moved - np.mean(moved, axis=0)
     return float(np.sqrt(np.mean((organ.displacement.values[:, :, 0] - moved) ** 2)))

@@ -1,8 +1,9 @@
 """Two sets of modes side by side: a result and the truth, or two results.
 
-The truth's shape is taken where the result's sensors stand and along the directions in which they measure. A leaf's
-sensors take it from the nearest truth points, a trunk's from those nearest along its axis: the points of a
-cross-section move alike. Organs are paired by name; those left over on both sides, by where they are.
+The truth's shape is taken where the result's sensors stand and along the directions in which they measure. Sensors were
+put on the organ as the first frame shows it, so the truth's points are taken to where they were then. A leaf's sensors
+take their shape from the nearest of them, a trunk's from those nearest along its axis: the points of a cross-section
+move alike. Organs are paired by name; those left over on both sides, by where they are.
 """
 
 from collections.abc import Sequence
@@ -183,37 +184,41 @@ def _deviations(
 
 def modes_as_truth(organ: OrganResult) -> list[TrueMode]:
     """A result's modes in the form of imposed ones, so that another result can be held against them."""
-    vectors = np.einsum("sam,ac->mcs", organ.model.mode_shapes, organ.displacement.directions)
+    shapes = np.einsum("sam,ac->msc", organ.model.mode_shapes, organ.displacement.directions)
+    rest = organ.displacement.sensors.positions - np.einsum("m,msc->sc", organ.model.coordinates[0], shapes)
     return [
         TrueMode(
             organ=organ.organ,
             name=f"mode_{index + 1}",
             frequency=float(organ.model.frequencies[index]),
             damping_ratio=float(organ.model.damping_ratios[index]),
-            points=organ.displacement.sensors.positions,
-            shape=vectors[index].T,
+            points=rest,
+            shape=shape,
             coordinates=organ.model.coordinates[:, index],
         )
-        for index in range(len(organ.model.frequencies))
+        for index, shape in enumerate(shapes)
     ]
 
 
-def truth_at_sensors(organ: OrganResult, mode: TrueMode) -> Float[np.ndarray, " dofs"]:
-    """The imposed shape where the organ's sensors stand, along their directions (not normalised)."""
+def truth_at_sensors(organ: OrganResult, modes: Sequence[TrueMode]) -> Float[np.ndarray, "dofs modes"]:
+    """The imposed shapes of the organ where its sensors stand, along their directions (not normalised)."""
     positions = organ.displacement.sensors.positions
+    if not modes:
+        return np.zeros((organ.displacement.basis.shape[0], 0))
+    first = modes[0].points + sum(mode.shape * mode.coordinates[0] for mode in modes)
+    shapes = np.concatenate([mode.shape for mode in modes], axis=1)
     if organ.surface == "cylinder":
         axis = _axis_of(organ)
-        vectors = _nearest(mode.points @ axis[:, None], mode.shape, positions @ axis[:, None])
+        vectors = _nearest(first @ axis[:, None], shapes, positions @ axis[:, None])
     else:
         across = _across(organ)
-        vectors = _interpolated(mode.points @ across, mode.shape, positions @ across)
-    return np.asarray(vectors @ organ.displacement.directions.T).ravel()
+        vectors = _interpolated(first @ across, shapes, positions @ across)
+    vectors = vectors.reshape(len(positions), len(modes), 3)
+    return np.einsum("smc,ac->sam", vectors, organ.displacement.directions).reshape(-1, len(modes))
 
 
 def _true_side(organ: OrganResult, imposed: Sequence[_Imposed]) -> _Side:
-    dofs = organ.model.mode_shapes.shape[0] * organ.model.mode_shapes.shape[1]
-    shapes = [truth_at_sensors(organ, each.mode) for each in imposed]
-    return _Side(imposed=tuple(imposed), shapes=np.stack(shapes, axis=1) if shapes else np.zeros((dofs, 0)))
+    return _Side(imposed=tuple(imposed), shapes=truth_at_sensors(organ, [each.mode for each in imposed]))
 
 
 def _rows(name: str, true: _Side, model: ModalModel) -> list[ComparisonRow]:
