@@ -78,7 +78,7 @@ def common_period(stamps: Sequence[Times], names: Sequence[str], where: str) -> 
     short = next((name for name, one in zip(names, stamps, strict=True) if len(one) < 2), None)
     if short is not None:
         raise InvalidCapture(f"the camera {short!r} has one picture.", where=where, hint="Give a video of the motion.")
-    periods = np.array([np.median(np.diff(one)) for one in stamps])
+    periods = np.array([_period_of(one) for one in stamps])
     middle = float(np.median(periods))
     worst = int(np.argmax(np.abs(periods / middle - 1)))
     if abs(periods[worst] / middle - 1) > UNLIKE:
@@ -89,6 +89,13 @@ def common_period(stamps: Sequence[Times], names: Sequence[str], where: str) -> 
             hint="Film with one frame rate, or convert the video with ffmpeg -r.",
         )
     return middle
+
+
+def _period_of(stamps: Times) -> float:
+    """Slope of the stamps over their pictures' numbers, lost ones counted: jitter weighs less than in differences."""
+    steps = np.diff(stamps)
+    counts = np.maximum(np.round(steps / np.median(steps)), 1)
+    return float(np.polyfit(np.concatenate([[0], np.cumsum(counts)]), stamps, 1)[0])
 
 
 def phase(stamps: Times, reference: Times, period: float) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from nerfmodal.capture.timeline import group
 from nerfmodal.errors import InvalidCapture
@@ -28,6 +28,7 @@ def test_equal_clocks_are_one() -> None:
     noise=st.floats(0.0, 0.05),
     seed=st.integers(0, 2**16),
 )
+@example(lost={16, 18, 34, 47, 55, 56, 61, 63}, late=0.0, noise=0.05, seed=0)  # medians of differences are 1 % apart
 def test_lost_pictures_are_missing_and_no_other_stands_in(lost: set[int], late: float, noise: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     stamps = clocks()
