@@ -351,8 +351,8 @@ class ScanResult:
 class TrueMode:
     """An imposed mode of one organ: the truth that only comparison code reads.
 
-    `points` are rest positions on the organ (metres, world; the same in all of its modes) and `shape` is the
-    displacement there for a modal coordinate of 1 (largest length 1); `coordinates` is it in every frame, metres.
+    `points` are rest positions on the organ (metres, world) and `shape` is the displacement there for a modal
+    coordinate of 1 (largest length 1); `coordinates` is that coordinate in every frame, metres.
     """
 
     organ: str

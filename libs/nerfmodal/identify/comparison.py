@@ -1,9 +1,8 @@
 """Two sets of modes side by side: a result and the truth, or two results.
 
-The truth's shape is taken where the result's sensors stand and along the directions in which they measure. Sensors were
-put on the organ as the first frame shows it, so the truth's points are taken to where they were then. A leaf's sensors
-take their shape from the nearest of them, a trunk's from those nearest along its axis: the points of a cross-section
-move alike. Organs are paired by name; those left over on both sides, by where they are.
+The truth's shape is taken where the result's sensors are at rest and along the directions in which they measure. A
+leaf's sensors take it from the nearest truth points, a trunk's from those nearest along its axis: the points of a
+cross-section move alike. Organs are paired by name; those left over on both sides, by where they are.
 """
 
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from jaxtyping import Float
 from scipy import interpolate, spatial
 
 from nerfmodal.identify.metrics import damping_error, frequency_error, mac_matrix, pair
-from nerfmodal.types import ModalModel, OrganResult, ScanResult, TrueMode, Verdict
+from nerfmodal.types import DisplacementMatrix, ModalModel, OrganResult, ScanResult, TrueMode, Verdict
 
 PAIR_SHARE = 0.15
 """Two modes are paired if they differ by at most this share in frequency, or by `PAIR_HZ`."""
@@ -184,41 +183,50 @@ def _deviations(
 
 def modes_as_truth(organ: OrganResult) -> list[TrueMode]:
     """A result's modes in the form of imposed ones, so that another result can be held against them."""
-    shapes = np.einsum("sam,ac->msc", organ.model.mode_shapes, organ.displacement.directions)
-    rest = organ.displacement.sensors.positions - np.einsum("m,msc->sc", organ.model.coordinates[0], shapes)
+    vectors = np.einsum("sam,ac->mcs", organ.model.mode_shapes, organ.displacement.directions)
     return [
         TrueMode(
             organ=organ.organ,
             name=f"mode_{index + 1}",
             frequency=float(organ.model.frequencies[index]),
             damping_ratio=float(organ.model.damping_ratios[index]),
-            points=rest,
-            shape=shape,
+            points=_at_rest(organ.displacement),
+            shape=vectors[index].T,
             coordinates=organ.model.coordinates[:, index],
         )
-        for index, shape in enumerate(shapes)
+        for index in range(len(organ.model.frequencies))
     ]
 
 
-def truth_at_sensors(organ: OrganResult, modes: Sequence[TrueMode]) -> Float[np.ndarray, "dofs modes"]:
-    """The imposed shapes of the organ where its sensors stand, along their directions (not normalised)."""
-    positions = organ.displacement.sensors.positions
-    if not modes:
-        return np.zeros((organ.displacement.basis.shape[0], 0))
-    first = modes[0].points + sum(mode.shape * mode.coordinates[0] for mode in modes)
-    shapes = np.concatenate([mode.shape for mode in modes], axis=1)
+def truth_at_sensors(organ: OrganResult, mode: TrueMode) -> Float[np.ndarray, " dofs"]:
+    """The imposed shape where the organ's sensors are at rest, along their directions (not normalised)."""
+    positions = _at_rest(organ.displacement)
     if organ.surface == "cylinder":
         axis = _axis_of(organ)
-        vectors = _nearest(first @ axis[:, None], shapes, positions @ axis[:, None])
+        vectors = _nearest(mode.points @ axis[:, None], mode.shape, positions @ axis[:, None])
     else:
         across = _across(organ)
-        vectors = _interpolated(first @ across, shapes, positions @ across)
-    vectors = vectors.reshape(len(positions), len(modes), 3)
-    return np.einsum("smc,ac->sam", vectors, organ.displacement.directions).reshape(-1, len(modes))
+        vectors = _interpolated(mode.points @ across, mode.shape, positions @ across)
+    return np.asarray(vectors @ organ.displacement.directions.T).ravel()
+
+
+def _at_rest(displacement: DisplacementMatrix) -> Float[np.ndarray, "sensors 3"]:
+    """Where the sensors are in the mean over the record, as those of a fitted surface are given.
+
+    Followed points, the only ones with three components, are given where the first frame shows them.
+    """
+    positions = displacement.sensors.positions
+    if len(displacement.directions) < 3 or not displacement.valid[0]:
+        return positions
+    coefficients = displacement.coefficients[displacement.valid]
+    moved = displacement.basis @ (coefficients.mean(axis=0) - coefficients[0])
+    return np.asarray(positions + moved.reshape(len(positions), 3) @ displacement.directions)
 
 
 def _true_side(organ: OrganResult, imposed: Sequence[_Imposed]) -> _Side:
-    return _Side(imposed=tuple(imposed), shapes=truth_at_sensors(organ, [each.mode for each in imposed]))
+    dofs = organ.model.mode_shapes.shape[0] * organ.model.mode_shapes.shape[1]
+    shapes = [truth_at_sensors(organ, each.mode) for each in imposed]
+    return _Side(imposed=tuple(imposed), shapes=np.stack(shapes, axis=1) if shapes else np.zeros((dofs, 0)))
 
 
 def _rows(name: str, true: _Side, model: ModalModel) -> list[ComparisonRow]:

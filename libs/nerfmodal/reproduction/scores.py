@@ -71,8 +71,10 @@ def score_organ(organ: OrganResult, truth: Sequence[TrueMode]) -> OrganScore:
 def true_displacement(organ: OrganResult, truth: Sequence[TrueMode]) -> Float[np.ndarray, "frames dofs"]:
     """What the organ's sensors should have seen along their directions, metres: the sum of its imposed modes."""
     mine = [mode for mode in truth if mode.organ == organ.organ]
-    coordinates = np.array([mode.coordinates for mode in mine]).reshape(len(mine), len(organ.displacement.times))
-    return np.asarray(coordinates.T @ truth_at_sensors(organ, mine).T)
+    moved = np.zeros((len(organ.displacement.times), organ.displacement.basis.shape[0]))
+    for mode in mine:
+        moved += np.outer(mode.coordinates, truth_at_sensors(organ, mode))
+    return moved
 
 
 def active_eigenvalues(values: Float[np.ndarray, " components"]) -> int:
