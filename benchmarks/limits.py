@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from nerfmodal.bounds import cramer_rao
 from nerfmodal.identify import identify
-from nerfmodal.identify.comparison import truth_at_sensors
 from nerfmodal.identify.lines import damped_columns
 from nerfmodal.identify.sinusoids import fit_sinusoids
+from nerfmodal.reproduction.scores import true_displacement
 from nerfmodal.spec import IdentificationSpec, OrganSpec
 from nerfmodal.surface import measure_organ
 from nerfmodal.types import OrganResult, PointCloud, Reason, TrueMode
@@ -134,6 +134,6 @@ def _scores(organ: OrganResult) -> np.ndarray:
 
 def _displacement_error(clouds: Sequence[PointCloud], truth: list[TrueMode]) -> float:
     organ, _ = identify_leaf(clouds, truth)
-    moved = np.stack([mode.coordinates for mode in truth], axis=1) @ truth_at_sensors(organ, truth).T
+    moved = true_displacement(organ, truth)
     moved = moved - np.mean(moved, axis=0)
     return float(np.sqrt(np.mean((organ.displacement.values[:, :, 0] - moved) ** 2)))
