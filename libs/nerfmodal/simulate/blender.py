@@ -185,7 +185,7 @@ def _set_render(scene: Any) -> None:
     """Few bounces: the light is a sky, and the plant is seen for its motion."""
     render, cycles = scene.render, scene.cycles
     render.engine, render.resolution_percentage = "CYCLES", 100
-    render.threads_mode, render.threads = "FIXED", max(_threads(), LEAST_THREADS)
+    render.threads_mode, render.threads = "FIXED", _threads()
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
@@ -196,7 +196,7 @@ def _set_render(scene: Any) -> None:
 
 
 def _threads() -> int:
-    return int(os.environ.get("NERFMODAL_THREADS") or os.cpu_count() or 1)
+    return max(int(os.environ.get("NERFMODAL_THREADS") or os.cpu_count() or 1), LEAST_THREADS)
 
 
 def _device(preferences: Any) -> str:

@@ -1,5 +1,6 @@
 """Which files of the console import which, so that a browser may ask for all that a page needs at once."""
 
+import posixpath
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
@@ -29,15 +30,6 @@ def _closure(name: str, contents: Mapping[str, bytes]) -> set[str]:
         one = rest.pop()
         if one not in found:
             found.add(one)
-            rest += [_resolved(one, path.decode()) for path in STATIC.findall(contents[one])]
+            here = posixpath.dirname(one)
+            rest += [posixpath.normpath(posixpath.join(here, path.decode())) for path in STATIC.findall(contents[one])]
     return found
-
-
-def _resolved(base: str, path: str) -> str:
-    parts = list(PurePosixPath(base).parent.parts)
-    for part in path.split("/"):
-        if part == "..":
-            parts.pop()
-        elif part != ".":
-            parts.append(part)
-    return "/".join(parts)
