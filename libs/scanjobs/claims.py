@@ -1,6 +1,5 @@
 """What a claim is, what it is worth, and how an attempt ends; the rows are `leases`' business."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, NamedTuple
@@ -68,11 +67,10 @@ class Begun(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """The held scan of a step that has ended, the events still to be recorded, and what the woken steps are given."""
+    """The held scan of a step that has ended, and the events still to be recorded."""
 
     scan: Scan
     events: list[EventRow]
-    given: Mapping[str, tuple[InputFile, ...]]
 
 
 class Standing(StrEnum):

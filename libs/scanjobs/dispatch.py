@@ -21,7 +21,7 @@ from scanjobs.clock import now_s
 from scanjobs.messages import Message
 from scanjobs.states import WORKING_SCAN_STATES, StepState
 from scanjobs.store import one_at_a_time
-from scanjobs.tables import Scan, Step
+from scanjobs.tables import Scan, Step, table_of
 from scanjobs.transitions import move_step
 from scanjobs.workers import active_workers
 
@@ -248,21 +248,22 @@ def candidates(
 
 def _make_query() -> Select[Any]:
     """Written once: putting it together costs as much as asking it."""
+    step, scan, owner = (table_of(entity).c for entity in (Step, Scan, Owner))  # no objects, no price of theirs
     place = func.row_number().over(
-        partition_by=(Step.scan_id, Step.queue), order_by=(Step.depth.desc(), Step.frame, Step.id)
+        partition_by=(step.scan_id, step.queue), order_by=(step.depth.desc(), step.frame, step.id)
     )
-    unheard = and_(Step.state == StepState.SENT, Step.sent_at < now_s() - bindparam("unheard_s", type_=Double))
-    waits = and_(Step.state == StepState.READY, or_(Step.not_before.is_(None), Step.not_before <= now_s()))
-    live = Step.state.in_([StepState.READY.value, StepState.SENT.value])  # says to the planner which index
-    working = Scan.state.in_([state.value for state in WORKING_SCAN_STATES])
+    unheard = and_(step.state == StepState.SENT, step.sent_at < now_s() - bindparam("unheard_s", type_=Double))
+    waits = and_(step.state == StepState.READY, or_(step.not_before.is_(None), step.not_before <= now_s()))
+    live = step.state.in_([StepState.READY.value, StepState.SENT.value])  # says to the planner which index
+    working = scan.state.in_([state.value for state in WORKING_SCAN_STATES])
     ready = (
-        select(Step.id, Step.queue, Step.depth, Step.frame, Step.token, Step.state)
-        .add_columns(Scan.id.label("scan_id"), Scan.owner, Scan.priority, Scan.served)
-        .add_columns(place.label("place"), func.coalesce(Owner.weight, 1.0).label("weight"))
-        .add_columns((now_s() - func.coalesce(Scan.served_at, Scan.created_at)).label("waited_s"))
-        .join(Scan, Scan.id == Step.scan_id)
-        .outerjoin(Owner, Owner.id == Scan.owner)
-        .where(live, or_(waits, unheard), working, Step.queue.in_(bindparam("queues", expanding=True)))
+        select(step.id, step.queue, step.depth, step.frame, step.token, step.state)
+        .add_columns(scan.id.label("scan_id"), scan.owner, scan.priority, scan.served)
+        .add_columns(place.label("place"), func.coalesce(owner.weight, 1.0).label("weight"))
+        .add_columns((now_s() - func.coalesce(scan.served_at, scan.created_at)).label("waited_s"))
+        .join_from(table_of(Step), table_of(Scan), scan.id == step.scan_id)
+        .outerjoin(table_of(Owner), owner.id == scan.owner)
+        .where(live, or_(waits, unheard), working, step.queue.in_(bindparam("queues", expanding=True)))
         .subquery()
     )
     return select(ready).where(ready.c.place <= bindparam("most"))

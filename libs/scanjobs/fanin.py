@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from nerfmodal.spec import CloudsSource, ScanSpec
 from sqlalchemy import func, insert, select, update
@@ -10,15 +10,15 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
-from scanjobs.given import InputFile, inputs_of, inputs_of_all
+from scanjobs.given import InputFile, inputs_of
 from scanjobs.inputs import input_digest
 from scanjobs.messages import IDENTIFY, INSPECT
 from scanjobs.plan import CHUNK, WHOLE_SCAN, StepKey, chunk_of_frames, is_essential, is_partial, later_steps
 from scanjobs.planting import plant
 from scanjobs.settling import fail_scan, hold_scan, live_steps
 from scanjobs.states import OPEN_SCAN_STATES, ScanState, StepState
-from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, StepDependency, table_of
-from scanjobs.transitions import UNSYNCHRONISED, EventRow, move_step, record, wake_steps
+from scanjobs.tables import Artifact, ArtifactRef, Scan, Step, table_of
+from scanjobs.transitions import UNSYNCHRONISED, EventRow, StepRow, count_down, move_step, record
 
 STORED: Final = "stored"
 DAMAGED: Final = "damaged"
@@ -38,19 +38,15 @@ class Output:
     media_type: str
 
 
-class Woken(NamedTuple):
-    """The events of the children that nothing is left to wait for, and the files that each is given."""
-
-    events: list[EventRow]
-    given: Mapping[str, tuple[InputFile, ...]]
-
-
-def attach_outputs(session: Session, step: Step, outputs: Sequence[Output]) -> None:
+def attach_outputs(session: Session, step: StepRow, outputs: Sequence[Output]) -> None:
     """Refer to the files that the step made; the bytes are in the store already."""
     know_artifacts(session, outputs)
     rows = [{"step_id": step.id, "role": out.role, "name": out.name, "digest": out.digest} for out in outputs]
     if rows:
-        session.execute(insert(table_of(ArtifactRef)), rows)
+        session.execute(_REFER, rows)
+
+
+_REFER: Final = insert(table_of(ArtifactRef))
 
 
 def damn(session: Session, digest: str) -> None:
@@ -80,7 +76,7 @@ def _makers_of(session: Session, scan: Scan, state: str) -> frozenset[str]:
     return frozenset(session.scalars(query))
 
 
-def expand_plan(session: Session, scan: Scan, step: Step) -> None:
+def expand_plan(session: Session, scan: Scan, step: StepRow) -> None:
     """Plan the rest of a scan whose source has been inspected."""
     if step.kind != INSPECT:
         return
@@ -126,37 +122,20 @@ def _plant_chunk(session: Session, scan: Scan, spec: ScanSpec, frames: int, star
     take_over_ready(session, scan, start)
 
 
-def release_children(session: Session, scan: Scan, step: Step) -> None:
+def release_children(session: Session, scan: Scan, step: Step | StepRow) -> None:
     """Count one parent less for every child, and wake those that wait for nothing more."""
-    record(session, wake_children(session, scan, step).events)
+    record(session, wake_children(session, scan, step))
 
 
-def wake_children(session: Session, scan: Scan, step: Step) -> Woken:
+def wake_children(session: Session, scan: Scan, step: Step | StepRow) -> list[EventRow]:
     """`release_children` without its events, which the caller records in the same transaction."""
-    woken = _count_down(session, step)
-    if not woken:
-        return Woken([], {})
+    events = count_down(session, step.id)
     if not has_relatives(scan):
-        given = inputs_of_all(session, woken)
-        digests = {child.id: _digest_of(scan, child, given[child.id]) for child in woken}
-        return Woken(wake_steps(session, digests, woken), given)
-    for child_id in [child.id for child in woken]:  # each may end at once, and wake others
-        child = session.get_one(Step, child_id, populate_existing=True)
-        move_step(session, child, StepState.READY)
-        take_over(session, scan, child)
-    return Woken([], {})
-
-
-def _count_down(session: Session, step: Step) -> list[Step]:
-    """Count one parent less for every child; copies of those that wait for nothing more."""
-    table = table_of(Step)
-    children = select(StepDependency.child_id).where(StepDependency.parent_id == step.id)
-    statement = update(table).where(table.c.id.in_(children), table.c.state == StepState.PENDING.value)
-    rows = session.execute(statement.values(deps_left=table.c.deps_left - 1).returning(*table.c)).all()
-    for known in session:
-        if isinstance(known, Step):  # it may be one of the children
-            session.expire(known)
-    return sorted((Step(**row._mapping) for row in rows if row.deps_left == 0), key=lambda child: child.id)
+        return events
+    record(session, events)
+    for event in events:  # each may end at once, and wake others
+        take_over(session, scan, session.get_one(Step, event["step_id"], populate_existing=True))
+    return []
 
 
 def take_over_ready(session: Session, scan: Scan, start: int = WHOLE_SCAN) -> None:
@@ -172,7 +151,7 @@ def take_over(session: Session, scan: Scan, step: Step) -> None:
 
     Only scans of one root are relatives: a new submission of an old specification is computed.
     """
-    digest = _digest_of(scan, step, inputs_of(session, step.id))
+    digest = digest_of(scan.spec, StepKey(step.kind, step.frame), inputs_of(session, step))
     session.execute(
         update(Step).where(Step.id == step.id).values(input_digest=digest), execution_options=UNSYNCHRONISED
     )
@@ -182,15 +161,15 @@ def take_over(session: Session, scan: Scan, step: Step) -> None:
     refs = session.scalars(select(ArtifactRef).where(ArtifactRef.step_id == known.id))
     rows = [{"step_id": step.id, "role": ref.role, "name": ref.name, "digest": ref.digest} for ref in refs]
     if rows:
-        session.execute(insert(table_of(ArtifactRef)), rows)
+        session.execute(_REFER, rows)
     values = {"reused_from": known.id, "facts": known.facts, "finished_at": now_s()}
     move_step(session, step, StepState.SUCCEEDED, reason="same inputs", values=values)
     release_children(session, scan, step)
 
 
-def _digest_of(scan: Scan, step: Step, files: Sequence[InputFile]) -> str | None:
-    given = [(one.kind, one.frame, one.role, one.digest) for one in files]
-    return input_digest(scan.spec, StepKey(step.kind, step.frame), given)
+def digest_of(spec: Mapping[str, Any], key: StepKey, files: Sequence[InputFile]) -> str | None:
+    """`inputs.input_digest` of a step that is given these files."""
+    return input_digest(spec, key, [(one.kind, one.frame, one.role, one.digest) for one in files])
 
 
 def has_relatives(scan: Scan) -> bool:
@@ -254,6 +233,12 @@ def know_artifacts(session: Session, outputs: Sequence[Output]) -> None:
         for one in sorted(outputs, key=lambda output: output.digest)
     ]
     if rows:
-        dialect = postgresql if session.get_bind().dialect.name == "postgresql" else sqlite
-        statement = dialect.insert(table_of(Artifact)).values(created_at=now_s())
-        session.execute(statement.on_conflict_do_update(index_elements=["digest"], set_={"state": STORED}), rows)
+        session.execute(_KNOW[session.get_bind().dialect.name], rows)
+
+
+def _make_know(dialect: Any) -> Any:
+    statement = dialect.insert(table_of(Artifact)).values(created_at=now_s())
+    return statement.on_conflict_do_update(index_elements=["digest"], set_={"state": STORED})
+
+
+_KNOW: Final = {"postgresql": _make_know(postgresql), "sqlite": _make_know(sqlite)}

@@ -77,16 +77,7 @@ def _claim_next(session: Session, ended: Ended, slot: Slot) -> Begun | None:
         scan = ended.scan if step.scan_id == ended.scan.id else _hold_free(session, step.scan_id)
         if scan is None or scan.state not in WORKING_SCAN_STATES:
             continue
-        begun = begin(
-            session,
-            scan,
-            step.step_id,
-            step.token,
-            step.state,
-            slot.worker_id,
-            slot.lease_s,
-            inputs=ended.given.get(step.step_id),
-        )
+        begun = begin(session, scan, step.step_id, step.token, step.state, slot.worker_id, slot.lease_s)
         if begun is not None:
             return begun
     return None

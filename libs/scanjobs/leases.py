@@ -6,9 +6,10 @@ transaction that ends the parent, so exactly one parent finds itself the last.
 """
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import insert, select, update
+from sqlalchemy import Double, Update, bindparam, insert, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.claims import WORKER_LOST, Begun, Ended, RunnerNote
@@ -16,26 +17,35 @@ from scanjobs.claims import Claim as Claim
 from scanjobs.claims import Failure as Failure
 from scanjobs.claims import Standing as Standing
 from scanjobs.clock import now_s
-from scanjobs.errors import NotFound
 from scanjobs.fanin import (
     Output,
-    Woken,
     attach_outputs,
     damn,
+    digest_of,
     expand_plan,
     has_relatives,
     know_artifacts,
     lose_frame,
     wake_children,
 )
-from scanjobs.given import InputFile, inputs_of_all
+from scanjobs.given import InputFile, inputs_of
 from scanjobs.messages import IDENTIFY, TRAIN_GPU
-from scanjobs.settling import hold_scan, settle
+from scanjobs.plan import StepKey
+from scanjobs.settling import hold_scan_of, settle
 from scanjobs.slots import Devices, take_slot
 from scanjobs.states import OPEN_SCAN_STATES, WORKING_SCAN_STATES, ScanState, StepState
 from scanjobs.store import together
 from scanjobs.tables import Attempt, Scan, Step, table_of
-from scanjobs.transitions import UNSYNCHRONISED, EventRow, change_step, move_scan, move_step, record
+from scanjobs.transitions import (
+    UNSYNCHRONISED,
+    EventRow,
+    StepRow,
+    change_step,
+    move_scan,
+    move_step,
+    record,
+    step_change,
+)
 
 FIRST_PAUSE_S: Final = 1.0
 """Before the second attempt; doubled for each later one. A worker that was lost has cost its lease already."""
@@ -79,29 +89,12 @@ def begin(
     worker_id: str,
     lease_s: float,
     device: str | None = None,
-    inputs: tuple[InputFile, ...] | None = None,
 ) -> Begun | None:
-    """Claim a step of a held scan, or None when it no longer is as told; `record_begun` completes it.
-
-    `inputs` are those of the step, if they are known already.
-    """
-    values = {
-        "token": Step.token + 1,
-        "attempt": Step.attempt + 1,
-        "worker_id": worker_id,
-        "lease_until": now_s() + lease_s,
-        "started_at": now_s(),
-        "progress_done": 0,
-        "progress_total": 0,
-        "progress_message": "",
-        "not_before": None,
-        "error": None,
-    }
-    moved = change_step(session, step_id, token, state, StepState.RUNNING, values=values)
+    """Claim a step of a held scan, or None when it no longer is as told; `record_begun` completes it."""
+    moved = change_step(session, _BEGINS[state], step_id, token, {"worker_id": worker_id, "lease_s": lease_s})
     if moved is None:
         return None
-    files = inputs_of_all(session, [moved.step])[step_id] if inputs is None else inputs
-    claim = _claim_of(scan, moved.step, files, device)
+    claim = _claim_of(scan, moved.step, inputs_of(session, moved.step), device)
     if scan.state == ScanState.QUEUED:
         move_scan(session, scan, ScanState.RUNNING, values={"started_at": now_s()})
     return Begun(claim, worker_id, moved.event)
@@ -111,10 +104,9 @@ def record_begun(session: Session, begun: Begun, events: Sequence[EventRow]) -> 
     """Write down, with the events of the transaction, the attempt that a claim is and that its scan was served."""
     claim = begun.claim
     attempt = {"step_id": claim.step_id, "token": claim.token, "worker_id": begun.worker_id}
-    served = update(Scan).where(Scan.id == claim.scan_id).values(served=Scan.served + 1, served_at=now_s())
     with together(session):
-        session.execute(served, execution_options=UNSYNCHRONISED)
-        session.execute(insert(table_of(Attempt)).values(attempt | {"started_at": now_s()}).inline())
+        session.execute(_SERVED, {"scan_id": claim.scan_id})
+        session.execute(_ATTEMPTED, attempt)
         record(session, events)
 
 
@@ -176,36 +168,27 @@ def end_well(
     session: Session, held: Claim, outputs: Sequence[Output], facts: dict[str, Any], runner: RunnerNote | None
 ) -> Ended | None:
     """`finish` without the events that it leaves to the caller; None when the claim is lost."""
-    try:
-        scan = hold_scan(session, held.scan_id)
-    except NotFound:
+    scan = hold_scan_of(session, held.step_id)
+    if scan is None:
         return None
-    values = {"facts": facts, "finished_at": now_s(), "resume_digest": None, "lease_until": None, "worker_id": None}
-    moved = change_step(
-        session,
-        held.step_id,
-        held.token,
-        StepState.RUNNING,
-        StepState.SUCCEEDED,
-        reason="succeeded",
-        values=values,
-    )
+    digest = digest_of(held.spec, StepKey(held.kind, held.frame), held.inputs)
+    values = {"facts": facts, "input_digest": digest}
+    moved = change_step(session, _ENDS_WELL, held.step_id, held.token, values)
     if moved is None:
         return None
     step = moved.step
     with together(session):
         _end_attempt(session, step, "succeeded", None, runner)
         attach_outputs(session, step, outputs)
-    woken = Woken([], {})
+    events = [moved.event]
     if scan.state in OPEN_SCAN_STATES:
         expand_plan(session, scan, step)
-        woken = wake_children(session, scan, step)
-    events = [moved.event, *woken.events]
+        events += wake_children(session, scan, step)
     if scan.state == ScanState.CANCELING or step.kind == IDENTIFY or has_relatives(scan):
         record(session, events)  # who follows the scan hears of the step before he hears of the end
         settle(session, scan)
         events = []
-    return Ended(scan, events, woken.given)
+    return Ended(scan, events)
 
 
 def fail(session: Session, held: Claim, failure: Failure, max_attempts: int) -> bool:
@@ -260,12 +243,9 @@ def overdue_steps(session: Session) -> tuple[str, ...]:
 
 
 def _held_step(session: Session, step_id: str) -> tuple[Scan, Step] | None:
-    try:
-        scan = hold_scan(session, select(Step.scan_id).where(Step.id == step_id).scalar_subquery())
-    except NotFound:
-        return None
-    step = session.get(Step, step_id, populate_existing=True)
-    return None if step is None else (scan, step)
+    scan = hold_scan_of(session, step_id)
+    step = None if scan is None else session.get(Step, step_id, populate_existing=True)
+    return None if scan is None or step is None else (scan, step)
 
 
 def _owned(session: Session, held: Claim) -> tuple[Scan, Step] | None:
@@ -275,7 +255,7 @@ def _owned(session: Session, held: Claim) -> tuple[Scan, Step] | None:
     return found
 
 
-def _claim_of(scan: Scan, step: Step, inputs: tuple[InputFile, ...], device: str | None) -> Claim:
+def _claim_of(scan: Scan, step: StepRow, inputs: tuple[InputFile, ...], device: str | None) -> Claim:
     return Claim(
         step_id=step.id,
         scan_id=scan.id,
@@ -310,7 +290,7 @@ def _pause_after(attempt: int) -> float:
     return min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0 ** min(10, max(0, attempt - 1)))
 
 
-def _error_of(step: Step, failure: Failure) -> dict[str, Any]:
+def _error_of(step: Step | StepRow, failure: Failure) -> dict[str, Any]:
     return {
         "step": step.kind,
         "frame": step.frame,
@@ -333,12 +313,49 @@ def _move_from_running(session: Session, step: Step, target: StepState, reason: 
 
 
 def _end_attempt(
-    session: Session, step: Step, outcome: str, failure: Failure | None, runner: RunnerNote | None = None
+    session: Session, step: Step | StepRow, outcome: str, failure: Failure | None, runner: RunnerNote | None = None
 ) -> None:
-    values: dict[str, Any] = {"ended_at": now_s(), "outcome": outcome[:32], **(runner._asdict() if runner else {})}
+    values: dict[str, Any] = {"of_step": step.id, "of_token": step.token, "outcome": outcome[:32]}
+    if runner is not None:
+        values |= runner._asdict()
     if failure is not None:
         values |= {"exit_code": failure.exit_code, "error": _error_of(step, failure)}
-    statement = update(Attempt).where(
-        Attempt.step_id == step.id, Attempt.token == step.token, Attempt.ended_at.is_(None)
-    )
-    session.execute(statement.values(values), execution_options=UNSYNCHRONISED)
+    session.execute(_ATTEMPT_ENDED, values)
+
+
+_ENDS_WELL: Final = step_change(
+    StepState.RUNNING,
+    StepState.SUCCEEDED,
+    {"finished_at": now_s(), "resume_digest": None, "lease_until": None, "worker_id": None},
+    reason="succeeded",
+)
+_BEGUN: Final = MappingProxyType(
+    {
+        "token": Step.token + 1,
+        "attempt": Step.attempt + 1,
+        "lease_until": now_s() + bindparam("lease_s", type_=Double),
+        "started_at": now_s(),
+        "progress_done": 0,
+        "progress_total": 0,
+        "progress_message": "",
+        "not_before": None,
+        "error": None,
+    }
+)
+_BEGINS: Final = {state: step_change(state, StepState.RUNNING, _BEGUN) for state in (StepState.READY, StepState.SENT)}
+
+
+def _make_served() -> Update:
+    table = table_of(Scan)
+    return update(table).where(table.c.id == bindparam("scan_id")).values(served=table.c.served + 1, served_at=now_s())
+
+
+def _make_attempt_ended() -> Update:
+    table = table_of(Attempt)
+    named = table.c.step_id == bindparam("of_step"), table.c.token == bindparam("of_token")
+    return update(table).where(*named, table.c.ended_at.is_(None)).values(ended_at=now_s())
+
+
+_SERVED: Final = _make_served()
+_ATTEMPTED: Final = insert(table_of(Attempt)).values(started_at=now_s()).inline()
+_ATTEMPT_ENDED: Final = _make_attempt_ended()

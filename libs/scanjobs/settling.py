@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ScalarSelect, select, update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from scanjobs.clock import now_s
@@ -30,13 +30,25 @@ DEADLINE_PASSED: Final = MappingProxyType(
 )
 
 
-def hold_scan(session: Session, scan_id: str | ScalarSelect[str], *, owner: str | None = None) -> Scan:
+def hold_scan(session: Session, scan_id: str, *, owner: str | None = None) -> Scan:
     """The scan, its row locked until the transaction ends. Raises `NotFound`."""
-    query = select(Scan).where(Scan.id == scan_id).with_for_update().execution_options(populate_existing=True)
-    scan = session.scalars(query).one_or_none()
+    scan = session.scalars(_HELD, {"scan_id": scan_id}).one_or_none()
     if scan is None or (owner is not None and scan.owner != owner) or scan.state == ScanState.DELETED:
         raise NotFound(f"there is no scan {scan_id}.", hint="List your scans with GET /v1/scans.")
     return scan
+
+
+def hold_scan_of(session: Session, step_id: str) -> Scan | None:
+    """The scan of a step, its row locked until the transaction ends; None where there is none any more."""
+    scan = session.scalars(_HELD_OF, {"step_id": step_id}).one_or_none()
+    return None if scan is None or scan.state == ScanState.DELETED else scan
+
+
+_LOCKED: Final = select(Scan).with_for_update().execution_options(populate_existing=True)
+_HELD: Final = _LOCKED.where(Scan.id == bindparam("scan_id"))
+_HELD_OF: Final = _LOCKED.where(
+    Scan.id == select(Step.scan_id).where(Step.id == bindparam("step_id")).scalar_subquery()
+)
 
 
 def live_steps(session: Session, scan: Scan, *states: StepState) -> tuple[Step, ...]:

@@ -4,14 +4,15 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, bindparam, insert, literal, select, update
+from sqlalchemy import ColumnElement, bindparam, case, insert, literal, select, update
 from sqlalchemy.orm import Session
+from sqlalchemy.sql.dml import ReturningUpdate
 
 from scanjobs.clock import now_s
 from scanjobs.fleet.notes import note_scan
 from scanjobs.meters import count_scan
 from scanjobs.states import TERMINAL_SCAN_STATES, ScanState, StepState, check_move
-from scanjobs.tables import Event, Scan, Step, table_of
+from scanjobs.tables import Event, Scan, Step, StepDependency, table_of
 from scanjobs.webhooks import announce_scan
 
 Values = Mapping[str, Any]
@@ -23,10 +24,39 @@ UNSYNCHRONISED: Final[Mapping[str, Any]] = MappingProxyType({"synchronize_sessio
 """Rows in memory are refreshed by hand, after the guard has spoken."""
 
 
+class StepChange(NamedTuple):
+    """A move that many steps make, its statement written once: putting one together costs as much as asking it."""
+
+    current: StepState
+    target: StepState
+    reason: str
+    statement: ReturningUpdate[Any]
+
+
+class StepRow(NamedTuple):
+    """What is looked at of a step whose row the session does not know: a sixth of the price of one that it does."""
+
+    id: str
+    scan_id: str
+    generation: int
+    kind: str
+    frame: int
+    token: int
+    attempt: int
+    deps_left: int
+    facts: dict[str, Any] | None
+    traceparent: str | None
+    resume_digest: str | None
+
+
+STEP_ROW: Final = tuple(table_of(Step).c[name] for name in StepRow._fields)
+"""The columns of a `StepRow`."""
+
+
 class Moved(NamedTuple):
     """A step after its move, and the event that is still to be recorded."""
 
-    step: Step
+    step: StepRow
     event: EventRow
 
 
@@ -66,31 +96,28 @@ def move_step(
     return True
 
 
+def step_change(current: StepState, target: StepState, values: Values, reason: str = "") -> StepChange:
+    """The move from `current` to `target` that also sets `values`, for `change_step`."""
+    table = table_of(Step)
+    statement = update(table).where(*_as_told(table.c, bindparam("step_id"), bindparam("held_token"), current))
+    return StepChange(current, target, reason, statement.values(_changes(current, target, values)).returning(*STEP_ROW))
+
+
 def change_step(
-    session: Session,
-    step_id: str,
-    token: int,
-    current: StepState,
-    target: StepState,
-    *,
-    reason: str = "",
-    values: Values | None = None,
+    session: Session, change: StepChange, step_id: str, token: int, values: Values | None = None
 ) -> Moved | None:
     """`move_step` where nobody has loaded the row; the caller records the event in the same transaction.
 
-    The step that is returned is a copy which the session does not know: half the price of one that it does.
+    `values` are those that the change left open.
     """
-    table = table_of(Step)
-    statement = update(table).where(*_as_told(table.c, step_id, token, current))
-    statement = statement.values(_changes(current, target, values)).returning(*table.c)
-    row = session.execute(statement).one_or_none()
+    row = session.execute(change.statement, {"step_id": step_id, "held_token": token, **(values or {})}).one_or_none()
     if row is None:
         return None
-    step = Step(**row._mapping)
-    return Moved(step, _step_event(step, current, target, reason))
+    step = StepRow(*row)
+    return Moved(step, _step_event(step, change.current, change.target, change.reason))
 
 
-def _as_told(columns: Any, step_id: str, token: int, current: StepState) -> tuple[ColumnElement[bool], ...]:
+def _as_told(columns: Any, step_id: Any, token: Any, current: StepState) -> tuple[ColumnElement[bool], ...]:
     return columns.id == step_id, columns.state == current.value, columns.token == token
 
 
@@ -102,18 +129,21 @@ def _changes(current: StepState, target: StepState, values: Values | None) -> di
     return changes
 
 
-def _step_event(step: Step, current: StepState, target: StepState, reason: str) -> EventRow:
+def _step_event(step: Step | StepRow, current: StepState, target: StepState, reason: str) -> EventRow:
     return _event(step.scan_id, step.id, step.generation, current.value, target.value, reason)
 
 
-def wake_steps(session: Session, digests: Mapping[str, str | None], steps: Sequence[Step]) -> list[EventRow]:
-    """Make pending steps of a held scan `ready`, each with the digest of its inputs; the caller records the events."""
-    check_move(StepState.PENDING, StepState.READY)
-    table = table_of(Step)
-    statement = update(table).where(table.c.id == bindparam("step_id"), table.c.state == StepState.PENDING.value)
-    statement = statement.values(state=StepState.READY.value, ready_at=now_s(), input_digest=bindparam("digest"))
-    session.execute(statement, [{"step_id": step.id, "digest": digests[step.id]} for step in steps])
-    return [_step_event(step, StepState.PENDING, StepState.READY, "") for step in steps]
+def count_down(session: Session, parent_id: str) -> list[EventRow]:
+    """One parent less for every pending child of a step of a held scan: `ready` is who waits for nothing more.
+
+    The caller records the events.
+    """
+    rows = session.execute(_COUNT_DOWN, {"parent_id": parent_id}).all()
+    for known in session:
+        if isinstance(known, Step):  # it may be one of the children
+            session.expire(known)
+    woken = sorted(StepRow(*row) for row in rows if row.deps_left == 0)
+    return [_step_event(step, StepState.PENDING, StepState.READY, "") for step in woken]
 
 
 def move_steps(
@@ -191,4 +221,22 @@ def _event(scan_id: str, step_id: str | None, generation: int, before: str | Non
 def record(session: Session, rows: Sequence[EventRow]) -> None:
     """Append events, in the order of `rows`."""
     for start in range(0, len(rows), BATCH):
-        session.execute(insert(table_of(Event)).values(at=now_s()).inline(), list(rows[start : start + BATCH]))
+        session.execute(_APPEND, list(rows[start : start + BATCH]))
+
+
+def _make_count_down() -> ReturningUpdate[Any]:
+    step, edge = table_of(Step), table_of(StepDependency).c
+    children = select(edge.child_id).where(edge.parent_id == bindparam("parent_id"))
+    check_move(StepState.PENDING, StepState.READY)
+    is_last = step.c.deps_left == 1
+    values = {
+        "deps_left": step.c.deps_left - 1,
+        "state": case((is_last, StepState.READY.value), else_=StepState.PENDING.value),
+        "ready_at": case((is_last, now_s()), else_=None),
+    }
+    statement = update(step).where(step.c.id.in_(children), step.c.state == StepState.PENDING.value)
+    return statement.values(values).returning(*STEP_ROW)
+
+
+_COUNT_DOWN: Final = _make_count_down()
+_APPEND: Final = insert(table_of(Event)).values(at=now_s()).inline()
