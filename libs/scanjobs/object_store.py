@@ -49,12 +49,11 @@ class ObjectArtifacts(ArtifactStore):
 
     def put(self, source: Path) -> Stored:
         """Upload a file; it is stored when this returns."""
-        import obstore  # here: an extra
+        return self._upload(super().put(source))
 
-        stored = super().put(source)
-        obstore.put(self._objects, self._key(stored.digest), self.place(stored.digest))
-        self._evict()
-        return stored
+    def take(self, source: Path) -> Stored:
+        """Upload a file that nobody else writes or needs."""
+        return self._upload(super().take(source))
 
     def path(self, digest: str) -> Path:
         """The verified file of a digest, downloaded if need be. Raises `ArtifactDamaged` or `NotFound`."""
@@ -105,6 +104,13 @@ class ObjectArtifacts(ArtifactStore):
             return float(obstore.head(self._objects, self._key(digest))["last_modified"].timestamp())
         except FileNotFoundError:
             return None
+
+    def _upload(self, stored: Stored) -> Stored:
+        import obstore  # here: an extra
+
+        obstore.put(self._objects, self._key(stored.digest), self.place(stored.digest))
+        self._evict()
+        return stored
 
     def _download(self, digest: str) -> None:
         import obstore

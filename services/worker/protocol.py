@@ -5,7 +5,7 @@ From the runner: `{"progress": {...}}` and `{"saved": PATH}`, then `{"produced":
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -51,7 +51,7 @@ class Made:
 
 def run_line(order: Order) -> Line:
     """The line that starts a step."""
-    return {"run": asdict(order)}
+    return {"run": {one.name: getattr(order, one.name) for one in fields(order)}}
 
 
 def failed_line(failed: Failed) -> Line:

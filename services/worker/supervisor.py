@@ -221,7 +221,7 @@ class Supervisor:
         (folder / "out").mkdir(parents=True)
         inputs = []
         for one in claim.inputs:
-            path = folder / "in" / f"{one.kind}-{one.frame}" / one.name
+            path = folder / f"{one.kind}-{one.frame}-{one.name}"
             place_input(self._artifacts.path(one.digest), path)
             inputs.append({"kind": one.kind, "frame": one.frame, "role": one.role, "path": str(path)})
         return Order(
@@ -238,7 +238,7 @@ class Supervisor:
         """What an earlier attempt has saved; the last attempt begins anew, in case that is what it fails of."""
         if claim.resume is None or claim.attempt >= self._settings.max_attempts > 1:
             return None
-        path = folder / "in" / "resume"
+        path = folder / "resume"
         try:
             place_input(self._artifacts.path(claim.resume), path)
         except ArtifactDamaged:
@@ -342,7 +342,7 @@ class Supervisor:
         return future.result()
 
     def _keep(self, role: str, path: Path) -> Output:
-        stored = self._artifacts.put(path)
+        stored = self._artifacts.take(path)
         return Output(
             role=role, name=path.name, digest=stored.digest, size=stored.size, media_type=media_type_of(path.name)
         )

@@ -1,6 +1,7 @@
 """The content-addressed store: whole or absent, never another's bytes."""
 
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,28 @@ def test_rotten_bytes_are_not_given_out_and_a_new_copy_heals_them(files: Artifac
         files.path(stored.digest)
     files.put(written(tmp_path, b"good"))
     assert files.path(stored.digest).read_bytes() == b"good"
+
+
+def test_what_nobody_else_needs_is_moved_not_copied(files: ArtifactStore, tmp_path: Path) -> None:
+    """Seen to fail: with `put` for `take` the file is another one; without its new age garbage would take it early."""
+    source = written(tmp_path, b"large")
+    os.utime(source, (0, 0))
+    inode = source.stat().st_ino
+    stored = files.take(source)
+    place = files.path(stored.digest)
+    assert not source.exists()
+    assert (place.stat().st_ino, place.stat().st_mode & 0o777) == (inode, 0o444)
+    assert not files.remove_older(stored.digest, 3600.0)
+
+
+def test_what_a_link_points_to_stays_where_it_is(files: ArtifactStore, tmp_path: Path) -> None:
+    source = written(tmp_path, b"another's")
+    link = tmp_path / "link"
+    link.symlink_to(source)
+    stored = files.take(link)
+    assert source.read_bytes() == b"another's"
+    assert files.path(stored.digest).read_bytes() == b"another's"
+    assert not files.place(stored.digest).is_symlink()
 
 
 def test_interrupted_copy_leaves_nothing(files: ArtifactStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,6 +31,15 @@ def age(files: ArtifactStore, digest: str) -> None:
     os.utime(files.place(digest), (long_ago, long_ago))
 
 
+def test_what_is_taken_is_uploaded_too(files: ObjectArtifacts, tmp_path: Path) -> None:
+    source = tmp_path / "made"
+    source.write_text("made")
+    digest = files.take(source).digest
+    assert files.holds(digest)
+    files.place(digest).unlink()
+    assert files.path(digest).read_text() == "made"
+
+
 def test_what_is_not_cached_is_downloaded(files: ObjectArtifacts) -> None:
     digest = store(files, "bytes")
     files.place(digest).unlink()
