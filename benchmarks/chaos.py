@@ -23,12 +23,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
+from scanjobs.clock import now_s
 from scanjobs.messages import IDENTIFY
 from scanjobs.migrate import upgrade
 from scanjobs.settings import Settings
 from scanjobs.states import TERMINAL_SCAN_STATES, StepState
 from scanjobs.tables import Attempt, Scan, Step
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, or_, select
 
 from tests.faults.steps import freeze
 from tests.integration.toy_service import Service, WorkerProcess, looking_at, toy_settings, toy_spec
@@ -120,10 +121,19 @@ def torment(service: Service, crew: Crew, chance: random.Random, kills: int, min
 
 
 def wait_for_work(service: Service) -> float:
-    """Seconds until some step is computed again."""
+    """Seconds until some step is computed again, or none is due: steps that failed often pause for up to 30 s."""
     began = time.monotonic()
-    service.wait(lambda: bool(service.runners()) or not open_scans(service), 120)
+    service.wait(lambda: bool(service.runners()) or not is_work_due(service), 120)
     return time.monotonic() - began
+
+
+def is_work_due(service: Service) -> bool:
+    """Whether some step could be computed now, or a plan is to be written."""
+    unpaused = or_(Step.not_before.is_(None), Step.not_before <= now_s())
+    due = or_(Step.state.in_(["sent", "running"]), and_(Step.state == StepState.READY, unpaused))
+    with service.store.read() as session:
+        unplanted = select(Scan.id).where(Scan.unplanted_from.is_not(None))
+        return any(session.scalars(query.limit(1)).first() for query in (select(Step.id).where(due), unplanted))
 
 
 def open_scans(service: Service) -> int:

@@ -28,6 +28,12 @@ class Stored:
     size: int
 
 
+def stored_as(source: Path) -> Stored:
+    """What the store would know of a file."""
+    with source.open("rb") as file:
+        return Stored(hashlib.file_digest(file, "sha256").hexdigest(), os.fstat(file.fileno()).st_size)
+
+
 class ArtifactStore:
     """A content-addressed folder; `object_store` has its sibling that keeps the files elsewhere."""
 
@@ -46,17 +52,16 @@ class ArtifactStore:
             staged.unlink(missing_ok=True)
         return stored
 
-    def take(self, source: Path) -> Stored:
-        """`put` of a file that nobody else needs: where it lies on the store's own file system it is moved."""
+    def take(self, source: Path, stored: Stored) -> None:
+        """Store a file that nobody else needs and `stored_as` knows; on the store's own file system it is moved."""
         if source.is_symlink() or source.stat().st_dev != self.folder.stat().st_dev:
-            return self.put(source)
+            self.put(source)
+            return
         with source.open("rb") as file:
-            stored = Stored(hashlib.file_digest(file, "sha256").hexdigest(), os.fstat(file.fileno()).st_size)
             os.utime(file.fileno())  # its age in the store begins now
             os.fchmod(file.fileno(), 0o444)
             os.fsync(file.fileno())
         self._publish(source, stored.digest)
-        return stored
 
     def path(self, digest: str) -> Path:
         """The verified file of a digest. Raises `ArtifactDamaged`, or `NotFound` for what is no digest."""

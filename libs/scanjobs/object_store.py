@@ -51,9 +51,10 @@ class ObjectArtifacts(ArtifactStore):
         """Upload a file; it is stored when this returns."""
         return self._upload(super().put(source))
 
-    def take(self, source: Path) -> Stored:
-        """Upload a file that nobody else writes or needs."""
-        return self._upload(super().take(source))
+    def take(self, source: Path, stored: Stored) -> None:
+        """Upload a file that nobody else needs and `stored_as` knows."""
+        super().take(source, stored)
+        self._upload(stored)
 
     def path(self, digest: str) -> Path:
         """The verified file of a digest, downloaded if need be. Raises `ArtifactDamaged` or `NotFound`."""

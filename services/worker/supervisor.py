@@ -12,13 +12,13 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 from scanjobs import dispatch, handover, leases
-from scanjobs.artifacts import ArtifactStore, place_input
+from scanjobs.artifacts import ArtifactStore, Stored, place_input, stored_as
 from scanjobs.claims import Claim, Failure, RunnerNote, Standing
 from scanjobs.disk import is_low
 from scanjobs.errors import ArtifactDamaged
@@ -36,7 +36,7 @@ from sqlalchemy.orm import Session
 
 from services.worker.child import Child, Children
 from services.worker.failures import TOO_LONG, death_of, of_runner, of_system
-from services.worker.protocol import Line, Order, failed_line, read_failed, read_produced
+from services.worker.protocol import Line, Made, Order, failed_line, read_failed, read_produced
 from services.worker.step_log import StepLog
 
 log = logging.getLogger(__name__)
@@ -47,6 +47,8 @@ Outcome = Failure | Handover | None
 """How an attempt ended; None when the step was taken from it, which is written down already."""
 MOST_FILES: Final = 64
 """Threads that move files, at most; they come as they are needed."""
+SMALL: Final = 1 << 20
+"""Files of so many bytes together reach the disk while their rows are written, which then wait for them."""
 PROGRESS_S: Final = 1.0
 """Progress is written at most this often."""
 
@@ -164,7 +166,7 @@ class Supervisor:
                 if isinstance(ended, Failure):
                     self._fail(claim, ended, watch)
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            self._files.submit(shutil.rmtree, folder, ignore_errors=True)  # the next step does not wait for it
             if not isinstance(ended, Handover) or ended.is_more:
                 self._on_change()
         if isinstance(ended, Handover) and ended.claim is not None:
@@ -311,13 +313,17 @@ class Supervisor:
 
     def _accept(self, claim: Claim, child: Child, line: Line, watch: Watch) -> Handover | None:
         made, facts = read_produced(line)
-        outputs = self._meanwhile(claim, watch, lambda: tuple(self._keep(one.role, one.path) for one in made))
+        outputs, kept = self._begin_to_keep(claim, watch, made)
         runner = RunnerNote(child.pid, child.log_path.name)
         slot = self._slot if self._takes_steps() and not is_low(self._settings) else None
         asked_at = time.monotonic()
-        ended = self._write(
-            watch, lambda session: handover.finish_and_claim(session, claim, outputs, facts, runner, slot)
-        )
+
+        def end(session: Session) -> Handover:
+            ended = handover.finish_and_claim(session, claim, outputs, facts, runner, slot)
+            kept.result()  # the commit waits for the bytes
+            return ended
+
+        ended = self._write(watch, end)
         watch.renewed_at = asked_at
         if ended is not None and ended.is_accepted:
             log.info("step succeeded", extra={"duration_s": round(time.monotonic() - watch.began, 3)})
@@ -325,10 +331,22 @@ class Supervisor:
             log.warning("the result of step %s came too late and is dropped", claim.step_id)
         return ended
 
+    def _begin_to_keep(
+        self, claim: Claim, watch: Watch, made: Sequence[Made]
+    ) -> tuple[tuple[Output, ...], Future[None]]:
+        """What the files are, and their storing: under way where they are small, else done."""
+        is_small = sum(one.path.stat().st_size for one in made) <= SMALL
+        outputs = _outputs(made) if is_small else self._meanwhile(claim, watch, lambda: _outputs(made))
+        kept = self._files.submit(self._keep, made, outputs)
+        if not is_small:
+            self._meanwhile(claim, watch, kept.result)
+        return outputs, kept
+
     def _save(self, claim: Claim, path: Path, watch: Watch) -> None:
         """Store what the next attempt would go on from; without it that one only has more to do."""
         try:
-            saved = self._meanwhile(claim, watch, lambda: self._keep(RESUME, path))
+            (saved,), kept = self._begin_to_keep(claim, watch, [Made(RESUME, path)])
+            kept.result()
             path.unlink(missing_ok=True)
             self._store.write(lambda session: leases.save(session, claim, saved))
         except (OSError, SQLAlchemyError) as error:
@@ -341,11 +359,9 @@ class Supervisor:
             self._standing(claim, watch)
         return future.result()
 
-    def _keep(self, role: str, path: Path) -> Output:
-        stored = self._artifacts.take(path)
-        return Output(
-            role=role, name=path.name, digest=stored.digest, size=stored.size, media_type=media_type_of(path.name)
-        )
+    def _keep(self, made: Sequence[Made], outputs: Sequence[Output]) -> None:
+        for one, output in zip(made, outputs, strict=True):
+            self._artifacts.take(one.path, Stored(output.digest, output.size))
 
     def _fail(self, claim: Claim, failure: Failure, watch: Watch) -> None:
         log.warning(
@@ -364,3 +380,17 @@ class Supervisor:
                     log.exception("the database was away for a whole lease; the result is dropped")
                     return None
                 time.sleep(self._settings.watch_s)
+
+
+def _outputs(made: Sequence[Made]) -> tuple[Output, ...]:
+    stored = [stored_as(one.path) for one in made]
+    return tuple(
+        Output(
+            role=one.role,
+            name=one.path.name,
+            digest=known.digest,
+            size=known.size,
+            media_type=media_type_of(one.path.name),
+        )
+        for one, known in zip(made, stored, strict=True)
+    )

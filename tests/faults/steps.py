@@ -41,7 +41,7 @@ def kill(pid: int) -> None:
 
 
 def freeze(worker: WorkerProcess, service: Service) -> None:
-    """SIGSTOP a worker, but not in the middle of a transaction: SQLite has one writer, and that would be it."""
+    """SIGSTOP a worker, but not in the middle of a transaction, which would keep all others from SQLite's file."""
     while True:
         worker.signal(signal.SIGSTOP)
         if service.store.dialect != "sqlite" or can_write(service.settings):
@@ -51,10 +51,10 @@ def freeze(worker: WorkerProcess, service: Service) -> None:
 
 
 def can_write(settings: Settings) -> bool:
-    """Whether nobody writes to the SQLite file at this moment."""
+    """Whether nobody writes to the SQLite file at this moment, or reads from it: no commit passes a reader."""
     with contextlib.closing(sqlite3.connect(settings.data_folder / "nerfmodal.db", timeout=0.2)) as connection:
         try:
-            connection.execute("BEGIN IMMEDIATE")
+            connection.execute("BEGIN EXCLUSIVE")
         except sqlite3.OperationalError:
             return False
     return True

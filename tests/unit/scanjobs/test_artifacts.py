@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scanjobs import artifacts
-from scanjobs.artifacts import ArtifactStore, place_input
+from scanjobs.artifacts import ArtifactStore, place_input, stored_as
 from scanjobs.errors import ArtifactDamaged, NotFound
 
 
@@ -53,7 +53,8 @@ def test_what_nobody_else_needs_is_moved_not_copied(files: ArtifactStore, tmp_pa
     source = written(tmp_path, b"large")
     os.utime(source, (0, 0))
     inode = source.stat().st_ino
-    stored = files.take(source)
+    stored = stored_as(source)
+    files.take(source, stored)
     place = files.path(stored.digest)
     assert not source.exists()
     assert (place.stat().st_ino, place.stat().st_mode & 0o777) == (inode, 0o444)
@@ -64,7 +65,8 @@ def test_what_a_link_points_to_stays_where_it_is(files: ArtifactStore, tmp_path:
     source = written(tmp_path, b"another's")
     link = tmp_path / "link"
     link.symlink_to(source)
-    stored = files.take(link)
+    stored = stored_as(link)
+    files.take(link, stored)
     assert source.read_bytes() == b"another's"
     assert files.path(stored.digest).read_bytes() == b"another's"
     assert not files.place(stored.digest).is_symlink()

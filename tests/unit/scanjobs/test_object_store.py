@@ -6,7 +6,7 @@ from pathlib import Path
 
 import obstore
 import pytest
-from scanjobs.artifacts import ArtifactStore
+from scanjobs.artifacts import ArtifactStore, stored_as
 from scanjobs.errors import ArtifactDamaged
 from scanjobs.object_store import IN_USE_S, ObjectArtifacts, open_artifacts
 from scanjobs.settings import Settings
@@ -34,7 +34,9 @@ def age(files: ArtifactStore, digest: str) -> None:
 def test_what_is_taken_is_uploaded_too(files: ObjectArtifacts, tmp_path: Path) -> None:
     source = tmp_path / "made"
     source.write_text("made")
-    digest = files.take(source).digest
+    stored = stored_as(source)
+    files.take(source, stored)
+    digest = stored.digest
     assert files.holds(digest)
     files.place(digest).unlink()
     assert files.path(digest).read_text() == "made"
