@@ -4,11 +4,15 @@ import random
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import pytest
+from scanjobs.artifacts import ArtifactStore, Stored
 from scanjobs.settings import Settings
 from scanjobs.store import Store
+from scanjobs.tables import ArtifactRef
+from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
@@ -72,3 +76,23 @@ def test_commits_that_fail_or_are_not_answered_double_nothing(
         treacherous.is_calm = True
     assert treacherous.failed
     assert treacherous.unanswered
+
+
+def test_commit_waits_for_the_bytes(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small files are synced while their rows are written; no row is seen before its file is there.
+
+    Guard: `kept.result()` in `Supervisor._accept`. Seen to fail: without it rows are there before the file is.
+    """
+    early: list[str] = []
+    take = ArtifactStore.take
+
+    def slow(store: ArtifactStore, source: Path, stored: Stored) -> None:
+        time.sleep(0.3)
+        with service.store.read() as session:
+            early.extend(session.scalars(select(ArtifactRef.digest).where(ArtifactRef.digest == stored.digest)))
+        take(store, source, stored)
+
+    monkeypatch.setattr(ArtifactStore, "take", slow)
+    with serving(settings) as service:
+        assert_whole(service, service.submit(toy_spec(frames=2)))
+    assert early == []

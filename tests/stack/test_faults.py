@@ -21,7 +21,7 @@ def assert_all_done_once(service: Service, scan_id: str) -> None:
 
 
 def test_two_workers_share_a_scan(settings: Settings) -> None:
-    """Guard: the lock in `hold_scan`.
+    """Guard: the lock in `settling._LOCKED`.
 
     Seen to fail: without it two steps begin the scan, and fsck finds an event that does not begin where the last ended.
     """
