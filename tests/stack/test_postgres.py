@@ -41,8 +41,8 @@ def test_clock_is_in_seconds_since_1970(database_url: str) -> None:
 def test_parents_that_finish_together_wake_every_child_once(database_url: str, tmp_path: Path, repetition: int) -> None:
     """The dispatcher, the claims and the fan-ins of 8 frames by 8 racing threads; every step is done once.
 
-    Guard: `deps_left` is counted down by the statement that ends a parent (`transitions.count_down`). Seen to fail: with
-    the unfinished parents counted in its place some steps are never claimed.
+    Guard: `deps_left` is counted down by the statement that ends a parent (`transitions.count_down`). Seen to fail:
+    with the unfinished parents counted in its place some steps are never claimed.
     """
     upgrade(database_url)
     store = open_store(database_url)

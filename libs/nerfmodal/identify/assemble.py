@@ -106,7 +106,8 @@ def _judge(
 ) -> tuple[ModeQuality, ...]:
     energy, residuals = energy_shares(record, reading), _residual_sizes(fit, reading.local)
     amplitudes = _amplitudes(record, fit)
-    combination = combination_lines(fit.frequencies, fit.frequency_stds, amplitudes)
+    lonely = np.array([one.mac is None for one in agreed], dtype=bool)
+    combination = combination_lines(fit.frequencies, fit.frequency_stds, amplitudes, lonely)
     lag_one = fit.lag_one(amplitudes >= CLEAR * residuals)
     quality = []
     for mode in range(len(fit.frequencies)):

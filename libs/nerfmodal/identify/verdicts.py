@@ -7,13 +7,15 @@ short records, and an alias cannot be seen.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from nerfmodal.types import Reason, Verdict
 
 COMBINATION_HZ = 0.08
 COMBINATION_SDS = 3.0
 COMBINATION_SHARE = 0.20
+LONELY_COMBINATION_SHARE = 0.5
+"""Of the geometric mean of two lines that other methods find too; a line that none finds there is their combination."""
 WEAK_SHARE = 0.02
 LONELY_SHARE = 0.1
 """A mode that no other method finds must be stronger, as a share of the strongest."""
@@ -37,18 +39,35 @@ def combination_lines(
     frequencies: Float[np.ndarray, " modes"],
     deviations: Float[np.ndarray, " modes"],
     amplitudes: Float[np.ndarray, " modes"],
+    lonely: Bool[np.ndarray, " modes"],
 ) -> list[bool]:
-    """Which lines lie at |f_a ± f_b| (2f included) of two lines, or at 3f of one, that are five times stronger."""
+    """Which lines lie at |f_a ± f_b| (2f included) of two lines, or at 3f of one, that are five times stronger.
+
+    Where no other method finds the line (`lonely`), but both of the others, less will do: a product of two motions is
+    as large as the one share of the other, and may pass a weak one of them.
+    """
     return [
         _is_third(line, frequencies, deviations, amplitudes)
         or any(
             _meets(frequencies[line], frequencies[a], frequencies[b], deviations[line])
             for a in range(len(frequencies))
             for b in range(a, len(frequencies))
-            if amplitudes[line] < COMBINATION_SHARE * min(amplitudes[a], amplitudes[b])
+            if _outweigh(a, b, line, amplitudes, lonely)
         )
         for line in range(len(frequencies))
     ]
+
+
+def _outweigh(
+    first: int, second: int, line: int, amplitudes: Float[np.ndarray, " modes"], lonely: Bool[np.ndarray, " modes"]
+) -> bool:
+    """Whether two lines are so strong that a third may be their combination."""
+    sizes = amplitudes[[first, second]]
+    if amplitudes[line] < COMBINATION_SHARE * sizes.min():
+        return True
+    if line in (first, second) or not lonely[line] or lonely[first] or lonely[second]:
+        return False
+    return bool(amplitudes[line] < LONELY_COMBINATION_SHARE * np.sqrt(sizes.prod()))
 
 
 def _is_third(

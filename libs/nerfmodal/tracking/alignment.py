@@ -25,8 +25,11 @@ MOTION_SHARE = 0.1
 """Expected size of the displacement, in lengths of the organ, before a coarser level has said more."""
 LEAST_SHARE, DOUBT = 0.01, 4.0
 """The coarser level's root mean square times so much is the expected size, or at least this share of the length."""
-TUNING = 1.5
-"""A difference of so many robust standard deviations has half its weight."""
+TUNING = 0.8
+"""A pixel whose difference, with its neighbours', is so many robust standard deviations has half its weight."""
+NEAR = 0.6
+"""Pixels (of the level) over which differences are averaged to weigh a pixel: a hidden leaflet is more than one pixel,
+noise is not, and a weight that noise moves takes from the loss its curvature."""
 DARKEST = 1e-3
 STEPS = 6
 SETTLED_PIXELS = 0.02
@@ -119,6 +122,26 @@ def _expected_size(basis: Float[np.ndarray, "pixels terms"], start: Alignment | 
     return float(np.clip(DOUBT * found, LEAST_SHARE * length, MOTION_SHARE * length))
 
 
+class _Vicinity:
+    """Averages over a pixel and those of its eight neighbours that show the organ too."""
+
+    def __init__(
+        self, camera: Int[np.ndarray, " pixels"], rows: Int[np.ndarray, " pixels"], columns: Int[np.ndarray, " pixels"]
+    ) -> None:
+        count = len(rows)
+        number = np.full((int(camera.max()) + 1, int(rows.max()) + 3, int(columns.max()) + 3), count)
+        number[camera, rows + 1, columns + 1] = np.arange(count)
+        steps = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+        self._near = np.stack([number[camera, rows + 1 + down, columns + 1 + right] for down, right in steps], axis=1)
+        share = np.exp([-0.5 * (down**2 + right**2) / NEAR**2 for down, right in steps])
+        self._shares = share * (self._near < count)
+        self._shares /= self._shares.sum(axis=1, keepdims=True)
+
+    def mean(self, values: Float[np.ndarray, " pixels"]) -> Float[np.ndarray, " pixels"]:
+        """The averages of a value that each pixel has."""
+        return np.einsum("pn,pn->p", self._shares, np.append(values, 0.0)[self._near])
+
+
 class _Problem:
     """The level's equations; rows are pixels times channels."""
 
@@ -149,6 +172,7 @@ class _Problem:
         self.weights = pixels.trust / (1 + (pixels.unrest * (1 - opacity) / RESTLESS) ** 2)
         sigma = template.sigma / template.factor
         self.overlap = 3 * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
+        self.vicinity = _Vicinity(pixels.camera, rows, columns)
         self._slopes: np.ndarray | None = None
 
     def precision(self, size: float, decay: float) -> np.ndarray:
@@ -169,8 +193,9 @@ class _Problem:
         difference = shown - self.clear * behind - (1 + change) * self.part
         rises = rises - self.clear[..., None] * behind_rises
         residual = 1.4826 * float(np.median(np.abs(difference))) + DARKEST
-        weights = self.weights[:, None] / (1 + (difference / (TUNING * residual)) ** 2)
-        return self._assembled(rises, difference, weights, residual)
+        off = self.vicinity.mean((difference**2).mean(axis=1))
+        weights = self.weights / (1 + off / (TUNING * residual) ** 2)
+        return self._assembled(rises, difference, np.repeat(weights[:, None], 3, axis=1), residual)
 
     def moves(self, change: np.ndarray) -> float:
         """By how many pixels a change of the unknowns moves the organ, root mean square."""

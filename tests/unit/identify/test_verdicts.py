@@ -53,9 +53,9 @@ def test_drift_throws_doubt_on_a_mode_that_stands_little_above_the_residual() ->
     assert verdict_of((Reason.DRIFT,), 2.0) is Verdict.DOUBTFUL
 
 
-def lines(*modes: tuple[float, float]) -> list[bool]:
+def lines(*modes: tuple[float, float], lonely: tuple[float, ...] = ()) -> list[bool]:
     frequencies, amplitudes = np.array(modes).T
-    return combination_lines(frequencies, np.full(len(modes), 0.001), amplitudes)
+    return combination_lines(frequencies, np.full(len(modes), 0.001), amplitudes, np.isin(frequencies, lonely))
 
 
 def test_second_harmonic_sum_and_difference_are_combinations() -> None:
@@ -66,6 +66,17 @@ def test_second_harmonic_sum_and_difference_are_combinations() -> None:
 
 def test_a_strong_line_is_a_mode_wherever_it_stands() -> None:
     assert lines((5.0, 0.015), (10.0, 0.01)) == [False, False]
+
+
+def test_a_combination_that_no_other_method_finds_may_be_stronger() -> None:
+    """A leaf that nine cameras saw: 2 and 10 Hz left 8 Hz, over half as large as 10 Hz, and 5 Hz with 2 Hz 7 Hz.
+
+    Seen to fail: by the share alone both were accepted modes.
+    """
+    leaf = ((2.0, 0.0057), (5.0, 0.0034), (6.99, 0.00116), (7.98, 0.00084), (10.0, 0.00156))
+    assert lines(*leaf) == [False] * 5
+    assert lines(*leaf, lonely=(6.99, 7.98)) == [False, False, True, True, False]
+    assert lines(*leaf, lonely=(2.0, 5.0, 6.99, 7.98)) == [False] * 5, "of lines that others find too"
 
 
 def test_a_line_beside_the_combination_is_a_mode() -> None:
