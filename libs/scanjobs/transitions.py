@@ -34,7 +34,7 @@ class StepChange(NamedTuple):
 
 
 class StepRow(NamedTuple):
-    """What is looked at of a step whose row the session does not know: a sixth of the price of one that it does."""
+    """What is looked at of a step whose row the session does not know; it costs far less than one that it does."""
 
     id: str
     scan_id: str
