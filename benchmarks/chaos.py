@@ -130,7 +130,7 @@ def wait_for_work(service: Service) -> float:
 def is_work_due(service: Service) -> bool:
     """Whether some step could be computed now, or a plan is to be written."""
     unpaused = or_(Step.not_before.is_(None), Step.not_before <= now_s())
-    due = or_(Step.state.in_(["sent", "running"]), and_(Step.state == StepState.READY, unpaused))
+    due = or_(Step.state.in_([StepState.SENT, StepState.RUNNING]), and_(Step.state == StepState.READY, unpaused))
     with service.store.read() as session:
         unplanted = select(Scan.id).where(Scan.unplanted_from.is_not(None))
         return any(session.scalars(query.limit(1)).first() for query in (select(Step.id).where(due), unplanted))

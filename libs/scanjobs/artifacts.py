@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
+from typing import ClassVar
 
 from scanjobs.errors import ArtifactDamaged, NotFound
 
@@ -36,6 +37,9 @@ def stored_as(source: Path) -> Stored:
 
 class ArtifactStore:
     """A content-addressed folder; `object_store` has its sibling that keeps the files elsewhere."""
+
+    is_near: ClassVar[bool] = True
+    """Whether storing waits for this machine's disk alone: a transaction may wait for it, but never for a network."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from scanjobs.artifacts import STAGING, ArtifactStore, Stored
 from scanjobs.errors import ArtifactDamaged
@@ -41,6 +41,8 @@ class ObjectArtifacts(ArtifactStore):
     cache_bytes
         How large the cache may grow before what was not used for long is evicted.
     """
+
+    is_near: ClassVar[bool] = False
 
     def __init__(self, url: str, folder: Path, cache_bytes: int) -> None:
         super().__init__(folder)

@@ -334,11 +334,11 @@ class Supervisor:
     def _begin_to_keep(
         self, claim: Claim, watch: Watch, made: Sequence[Made]
     ) -> tuple[tuple[Output, ...], Future[None]]:
-        """What the files are, and their storing: under way where they are small, else done."""
-        is_small = sum(one.path.stat().st_size for one in made) <= SMALL
-        outputs = _outputs(made) if is_small else self._meanwhile(claim, watch, lambda: _outputs(made))
+        """What the files are, and their storing: under way where they are small and the store is near, else done."""
+        is_quick = self._artifacts.is_near and sum(one.path.stat().st_size for one in made) <= SMALL
+        outputs = _outputs(made) if is_quick else self._meanwhile(claim, watch, lambda: _outputs(made))
         kept = self._files.submit(self._keep, made, outputs)
-        if not is_small:
+        if not is_quick:
             self._meanwhile(claim, watch, kept.result)
         return outputs, kept
 

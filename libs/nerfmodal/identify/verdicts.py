@@ -62,12 +62,11 @@ def _outweigh(
     first: int, second: int, line: int, amplitudes: Float[np.ndarray, " modes"], lonely: Bool[np.ndarray, " modes"]
 ) -> bool:
     """Whether two lines are so strong that a third may be their combination."""
-    sizes = amplitudes[[first, second]]
-    if amplitudes[line] < COMBINATION_SHARE * sizes.min():
+    if amplitudes[line] < COMBINATION_SHARE * min(amplitudes[first], amplitudes[second]):
         return True
     if line in (first, second) or not lonely[line] or lonely[first] or lonely[second]:
         return False
-    return bool(amplitudes[line] < LONELY_COMBINATION_SHARE * np.sqrt(sizes.prod()))
+    return bool(amplitudes[line] < LONELY_COMBINATION_SHARE * np.sqrt(amplitudes[first] * amplitudes[second]))
 
 
 def _is_third(
