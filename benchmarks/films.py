@@ -19,7 +19,7 @@ from nerfmodal.types import Frame
 FOLDER = Path("out/benchmarks/films")
 GOLDEN = 137.5
 """Degrees of phase between leaves: no two leaves, and no two modes of a leaf, move in step."""
-SAMPLES = 16
+SAMPLES = 128
 """Rays per pixel: with few, a leaflet's edge jumps from one to the next where a camera's pixel would shade it."""
 
 

@@ -7,6 +7,7 @@ to the code.
 
 import ast
 import inspect
+import sys
 import typing
 from collections.abc import Callable, Iterator
 from enum import Enum
@@ -27,9 +28,10 @@ def spec_page() -> str:
         "# The specification\n\nYAML or JSON on the command line, JSON over HTTP. Unknown keys are refused, and every "
         "refusal names the key (a JSON pointer) and what to change. SI units, said in the key.\n"
     )
-    parts = (part for part in vars(spec).values() if inspect.isclass(part) and issubclass(part, spec.Part))
-    sections = [_part(part) for part in parts if part is not spec.Part and part.__module__ == spec.__name__]
-    return "\n".join([WRITTEN_BY, head, *reversed(sections)])
+    rooms = [vars(sys.modules[f"{spec.__name__}.{room}"]) for room in ("parts", "simulation", "capture", "scan")]
+    parts = (part for room in rooms for part in room.values() if inspect.isclass(part) and issubclass(part, spec.Part))
+    sections = {part: _part(part) for part in parts if part is not spec.Part}
+    return "\n".join([WRITTEN_BY, head, *reversed(sections.values())])
 
 
 def outcomes_page() -> str:

@@ -15,12 +15,12 @@ from nerfmodal import __version__, capture, cloud, export, field, figures, io, s
 from nerfmodal.allotment import find_organs, labelling, measuring
 from nerfmodal.errors import InvalidClouds, InvalidSpec
 from nerfmodal.export.modes import write_json
-from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.identify import identify_scan
 from nerfmodal.identify.excitation import excitation_of
 from nerfmodal.identify.model import FEWEST_FRAMES
 from nerfmodal.identify.structure import structure_modes
 from nerfmodal.progress import Progress, Report
+from nerfmodal.scene import grounded, scene_of
 from nerfmodal.spec import (
     CaptureSource,
     CloudsSource,
@@ -33,8 +33,6 @@ from nerfmodal.types import Checkpoint, Frame, Look, Outcome, PointCloud, Proven
 
 SPREAD_VOXELS = 3.0
 """A ray whose weights lie further apart than this (quartiles, voxels) ends in fog, not on a surface."""
-REGION_SHARE = 0.9
-"""Half the side of a capture's default region, in mean distances from the cameras to what they look at."""
 
 
 def open_source(spec: ScanSpec, cache: Path | None = None, *, report: Report) -> capture.Capture | None:
@@ -107,7 +105,9 @@ def fit_first(
     """
     trained, held_out = capture.split_held_out(first, _held_out(spec))
     keeping = _named_resume(resume, f"{spec.digest()} first")
-    scene = _scene(spec, first)
+    scene = scene_of(spec, first)
+    if spec.reconstruction.field == "grid":
+        scene = grounded(scene, spec, trained, report=report)
     checkpoint = field.fit(
         scene, _settings_of_first(spec), trained, held_out, spec.seed, _telling(report), keeping, alone
     )
@@ -175,7 +175,7 @@ def extract(spec: ScanSpec, checkpoint: Checkpoint, frame: Frame, *, report: Rep
     if checkpoint.field == "moved":
         report(_step(1, 1))
         return tracking.cloud_of(checkpoint, frame.time)
-    points = _points(spec, field.looker(checkpoint, frame), frame, _scene(spec, frame), report=report)
+    points = _points(spec, field.looker(checkpoint, frame), frame, scene_of(spec, frame), report=report)
     return replace(points, device=checkpoint.device)
 
 
@@ -379,18 +379,3 @@ def _organs(spec: ScanSpec) -> tuple[OrganSpec, ...]:
     if not spec.organs and isinstance(spec.source, CloudsSource):
         return open_clouds(spec).organs
     return spec.organs
-
-
-def _scene(spec: ScanSpec, frame: Frame) -> field.Scene:
-    box = spec.reconstruction.region
-    simulated = isinstance(spec.source, SimulationSource)
-    if box is None and isinstance(spec.source, SimulationSource):
-        box = simulate.default_region(spec.source)
-    if box is not None:
-        low, high = np.array(box.min_m, dtype=float), np.array(box.max_m, dtype=float)
-    elif frame.region is not None:
-        low, high = frame.region
-    else:
-        center, distance = focus_of(frame.rig)
-        low, high = center - REGION_SHARE * distance, center + REGION_SHARE * distance
-    return field.Scene(low=low, high=high, ground=0.0 if simulated else None)

@@ -4,14 +4,13 @@ Behind the structure the ground is what the camera that sees the place most clos
 than a texture learned from many, and a blurred pattern beside a moving leaf looks like a part of it that stays.
 """
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_erosion, map_coordinates
 
-from nerfmodal.field.beyond import FLAT, on_ground
+from nerfmodal.field.beyond import FLAT, Ground, on_ground, slants
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
@@ -31,7 +30,7 @@ def still_backgrounds(field: GridField, first: Frame) -> UInt8[np.ndarray, "came
         if views.counts is not None:
             clear[number] &= views.counts[number]
         backgrounds[number] = np.where(clear[number, :, :, None], image, learned)
-    if not math.isnan(field.ground):
+    if field.has_ground:
         surely = np.stack([binary_erosion(one, np.ones((3, 3), dtype=bool)) for one in clear])
         for flat, colors in ground_behind(field.ground, first.rig, views, surely):
             backgrounds.reshape(-1, 3)[flat] = colors
@@ -39,15 +38,15 @@ def still_backgrounds(field: GridField, first: Frame) -> UInt8[np.ndarray, "came
 
 
 def ground_behind(
-    height: float, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"]
+    ground: Ground, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"]
 ) -> Iterator[tuple[Int[np.ndarray, " pixels"], UInt8[np.ndarray, "pixels 3"]]]:
     """Of each camera, the pixels that do not see the ground clearly while another camera does, and what that shows."""
     hidden = np.flatnonzero(~clear)
     pixels = pixels_at(hidden, clear.shape)
     directions = directions_of(views, pixels)
-    falls = directions[:, 2] < FLAT
+    falls = slants(ground, directions) < FLAT
     hidden, pixels, directions = hidden[falls], pixels[falls], directions[falls]
-    points = on_ground(height, views.poses[pixels[:, 0], :3, 3], directions)
+    points = on_ground(ground, views.poses[pixels[:, 0], :3, 3], directions)
     closest, nearness, places = np.full(len(points), -1), np.zeros(len(points)), np.empty((len(points), 2))
     for number, camera in enumerate(rig.cameras):
         shown, seen = _seen(camera, points, clear[number])

@@ -10,6 +10,8 @@ from scipy.ndimage import distance_transform_edt
 from nerfmodal.field.grid import GridField
 from nerfmodal.field.views import Views, directions_of, pixels_at
 
+Ground = Float[np.ndarray, " 3"]
+"""A plane z = h + a x + b y: its height h (m) at the origin, and its slopes a and b."""
 FLAT = -1e-4
 """Rays that fall less than this see the sky, as in `marching.meet_ground`."""
 MOST_PIXELS = 4_000_000
@@ -24,7 +26,7 @@ def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras h
     pixels = pixels_at(flat, views.images.shape)
     directions = directions_of(views, pixels)
     colors = views.images.reshape(-1, 3)[flat]
-    falls = directions[:, 2] < FLAT
+    falls = slants(field.ground, directions) < FLAT
     origins = views.poses[pixels[:, 0], :3, 3]
     ground = _texels(_ground_points(field, origins[falls], directions[falls]), field.sides[0])
     sky = _texels(_sky_points(directions[~falls]), field.sides[1])
@@ -33,11 +35,16 @@ def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras h
     field.values[start + field.sides[0] ** 2 :, 1:] = _medians(sky, colors[~falls], field.sides[1])
 
 
+def slants(ground: Ground, directions: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, " rays"]:
+    """How fast rays rise over the ground, metres a metre; below 0 they meet it."""
+    return np.asarray(directions @ np.array([-ground[1], -ground[2], 1.0]))
+
+
 def on_ground(
-    height: float, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
+    ground: Ground, origins: Float[np.ndarray, "rays 3"], directions: Float[np.ndarray, "rays 3"]
 ) -> Float[np.ndarray, "rays 3"]:
-    """Where rays that fall meet the ground at `height`, metres."""
-    t = (height - origins[:, 2]) / directions[:, 2]
+    """Where rays that fall meet the ground, metres."""
+    t = (ground[0] - slants(ground, origins)) / slants(ground, directions)
     return np.asarray(origins + t[:, None] * directions)
 
 

@@ -4,7 +4,6 @@ Frame 0 is trained everywhere, together with the outer grid that explains what l
 still background for each camera. A further frame changes only where its pictures differ from those of frame 0.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -41,9 +40,15 @@ class GridField:
     high: Float[np.ndarray, " 3"]
     values: Float[np.ndarray, "rows 4"]
     outer: Int[np.ndarray, "x y z"]
-    ground: float = math.nan
+    ground: Float[np.ndarray, " 3"]
+    """Its height (m) at the origin and its slopes along x and y; not a number where there is an outer grid instead."""
     sides: tuple[int, int] = (0, 0)
     """Texels along the ground's and the sky's texture."""
+
+    @property
+    def has_ground(self) -> bool:
+        """Whether a ground and a sky lie beyond the region."""
+        return bool(np.isfinite(self.ground).all())
 
     @property
     def half(self) -> Float[np.ndarray, " 3"]:
@@ -56,7 +61,7 @@ def grid_state(field: GridField) -> dict[str, np.ndarray]:
     return {
         "low": field.bricks.low,
         "high": field.high,
-        "voxel": np.array([field.bricks.voxel, field.ground]),
+        "voxel": np.array([field.bricks.voxel, *field.ground]),
         "sides": np.array(field.sides),
         "slots": field.bricks.slots,
         "masks": field.bricks.masks,
@@ -67,14 +72,13 @@ def grid_state(field: GridField) -> dict[str, np.ndarray]:
 
 def grid_of(state: Mapping[str, np.ndarray]) -> GridField:
     """The grid field that these arrays are."""
-    voxel, ground = (float(value) for value in state["voxel"])
-    bricks = Bricks(low=state["low"], voxel=voxel, slots=state["slots"], masks=state["masks"])
+    bricks = Bricks(low=state["low"], voxel=float(state["voxel"][0]), slots=state["slots"], masks=state["masks"])
     return GridField(
         bricks=bricks,
         high=state["high"],
         values=state["values"],
         outer=state["outer"],
-        ground=ground,
+        ground=state["voxel"][1:],
         sides=(int(state["sides"][0]), int(state["sides"][1])),
     )
 
@@ -101,11 +105,15 @@ class Optimiser:
 
 
 def empty_field(
-    low: np.ndarray, high: np.ndarray, voxel: float, ground: float | None, pixels: int = 1_000_000
+    low: np.ndarray,
+    high: np.ndarray,
+    voxel: float,
+    ground: Float[np.ndarray, " 3"] | None,
+    pixels: int = 1_000_000,
 ) -> GridField:
     """A field of which nothing is known: faint grey fog.
 
-    Beyond the region lie the ground at the height `ground` (metres) and a sky, or, when it is None, an outer grid.
+    Beyond the region lie the `ground` (height and slopes) and a sky, or, when it is None, an outer grid.
     `pixels` of all pictures decide how fine the ground's texture is: several must see each texel.
     """
     counts = brick_counts(low, high, voxel)
@@ -116,9 +124,8 @@ def empty_field(
     beyond = outer.size * marching.ROWS_PER_BRICK if ground is None else sides[0] ** 2 + sides[1] ** 2
     values = np.full((bricks.rows + beyond, 4), 0.5, np.float32)
     values[:, 0] = FOG_RAW
-    return GridField(
-        bricks=bricks, high=high, values=values, outer=outer, ground=math.nan if ground is None else ground, sides=sides
-    )
+    plane = np.full(3, np.nan) if ground is None else ground
+    return GridField(bricks=bricks, high=high, values=values, outer=outer, ground=plane, sides=sides)
 
 
 def _texture_sides(pixels: int) -> tuple[int, int]:

@@ -135,8 +135,11 @@ class Place:
     def _ground(self, origins: Tensor, directions: Tensor) -> Samples:
         half = torch.from_numpy(self.field.half).to(self.device)
         center = torch.from_numpy(self.field.bricks.low + self.field.half).to(self.device)
-        falls = (directions[:, 2] < -1e-4) & (origins[:, 2] > self.field.ground)
-        t = torch.where(falls, (self.field.ground - origins[:, 2]) / directions[:, 2], 1e3)
+        height, along_x, along_y = (float(value) for value in self.field.ground)
+        nears = directions[:, 2] - along_x * directions[:, 0] - along_y * directions[:, 1]
+        above = origins[:, 2] - height - along_x * origins[:, 0] - along_y * origins[:, 1]
+        falls = (nears < -1e-4) & (above > 0)
+        t = torch.where(falls, -above / nears, 1e3)
         flat = ((origins + directions * t[:, None] - center) / half)[:, :2]
         r = flat.abs().amax(dim=1, keepdim=True).clamp(min=1.0)
         ground = 0.5 + flat * ((2.0 - 1.0 / r) / r * 0.25)

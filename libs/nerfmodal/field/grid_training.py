@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
 from nerfmodal.field.backgrounds import still_backgrounds
-from nerfmodal.field.beyond import lay_ground
+from nerfmodal.field.beyond import Ground, lay_ground, slants
 from nerfmodal.field.bricks import (
     BLOCKS,
     Bricks,
@@ -89,7 +89,7 @@ def fit(
     low: np.ndarray,
     high: np.ndarray,
     voxel: float,
-    ground: float | None,
+    ground: Ground | None,
     schedule: Schedule,
     seed: int,
     course: Course,
@@ -141,7 +141,7 @@ def _learn_beyond(
 
     An outer grid learns together with the region: alone it would explain everything, and leave the region empty.
     """
-    if np.isnan(field.ground):
+    if not field.has_ground:
         return None
     clear = replace(field, bricks=replace(field.bricks, masks=np.zeros_like(field.bricks.masks)))
     lay_ground(field, views)
@@ -179,7 +179,7 @@ def _next_level(
     field = pruned(field, seen)
     plant = plant_pixels(field, views)
     finer = refined(field, seen)
-    if not np.isnan(field.ground) and level > 0:
+    if field.has_ground and level > 0:
         lay_ground(finer, views, ~plant)
     return finer, _focused(plant, views, schedule.rays, rng)
 
@@ -235,7 +235,7 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
         _, _, behind, _, _ = render(clear, views, pixels, behind=True)
         difference = np.abs(behind.reshape(image.shape) - image / np.float32(255)).max(axis=-1)
         missed[camera] = uniform_filter(median_filter(difference, 3), 3) > UNEXPLAINED
-        falls[camera] = directions_of(views, pixels)[:, 2].reshape(image.shape[:2]) < STEEP
+        falls[camera] = slants(clear.ground, directions_of(views, pixels)).reshape(image.shape[:2]) < STEEP
     if views.counts is not None:  # a pixel that does not count neither misses nor votes
         missed, falls = missed & views.counts, falls & views.counts
     return Silhouettes(missed=missed, falls=falls)

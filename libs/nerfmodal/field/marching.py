@@ -282,9 +282,14 @@ def texel(values, start, size, u, v, rows, weights, samples, n):
 def meet_ground(
     values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance
 ):
-    """The last sample of a ray: the ground plane where it falls, contracted, or the sky where it rises."""
-    if dz < -1e-4 and oz > ground:
-        t = (ground - oz) / dz
+    """The last sample of a ray: the ground plane where it falls, contracted, or the sky where it rises.
+
+    `ground` is the plane's height at the origin and its slopes: z = h + a x + b y.
+    """
+    nears = dz - ground[1] * dx - ground[2] * dy
+    above = oz - ground[0] - ground[1] * ox - ground[2] * oy
+    if nears < -1e-4 and above > 0.0:
+        t = -above / nears
         x, y = (ox + dx * t - center[0]) / half[0], (oy + dy * t - center[1]) / half[1]
         r = max(abs(x), abs(y), 1.0)
         shrink = (2.0 - 1.0 / r) / r * 0.25

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from nerfmodal.field import grid, grid_training
 from nerfmodal.field.backgrounds import still_backgrounds
+from nerfmodal.field.beyond import Ground
 from nerfmodal.field.course import Course, Told, psnr
 from nerfmodal.field.device import described
 from nerfmodal.field.views import Views, views_of
@@ -24,11 +25,11 @@ VOXELS_ALONG = 192
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """The box to reconstruct (metres) and the height of the ground, where there is one."""
+    """The box to reconstruct (metres) and the ground, where there is one."""
 
     low: Float[np.ndarray, " 3"]
     high: Float[np.ndarray, " 3"]
-    ground: float | None
+    ground: Ground | None
 
 
 def voxel_of(scene: Scene, settings: ReconstructionSpec) -> float:

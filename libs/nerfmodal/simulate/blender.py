@@ -37,6 +37,10 @@ SKY_MAP = 2048
 """Resolution at which the sky's light is sampled: coarser, and the sun falls between the map's cells as sparks."""
 PLANT_PATHS, GROUND_PATHS = 12, 24
 """Paths per triangle corner of the baked light; a vertex averages about six corners."""
+PLAIN_RAYS = 64
+"""A picture of more rays a pixel than this spends the others where pixels are still uncertain: on edges."""
+LEAST_RAYS, NOISE = 16, 0.01
+"""Of such a picture every pixel has so many rays, and gets no more once its noise (of 1) is estimated below this."""
 UNDERSIDE = 0.62
 """Light that comes through a leaf, as a share of that on its upper side."""
 NEAR_GROUND, NEAR_STEP = 2.4, 0.08
@@ -110,7 +114,8 @@ class _Stage:
     def bake(self, surface: _Surface, paths: int) -> None:
         """Path-trace the light on the surface's vertices."""
         self._arrange(lit=True)
-        self.bpy.context.scene.cycles.samples = paths
+        cycles = self.bpy.context.scene.cycles
+        cycles.samples, cycles.use_adaptive_sampling = paths, False
         for item in (self.plant.item, self.ground.item):
             item.select_set(item is surface.item)
         self.bpy.context.view_layer.objects.active = surface.item
@@ -131,6 +136,7 @@ class _Stage:
         """Take one picture."""
         scene = self.bpy.context.scene
         scene.cycles.samples = samples
+        scene.cycles.use_adaptive_sampling = samples > PLAIN_RAYS
         scene.render.resolution_x, scene.render.resolution_y = camera.width, camera.height
         lens = scene.camera.data
         lens.lens = camera.focal_x * SENSOR_MM / camera.width
@@ -189,7 +195,8 @@ def _set_render(scene: Any) -> None:
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     render.image_settings.compression = 0
     scene.view_settings.view_transform = "Standard"
-    cycles.use_denoising, cycles.use_adaptive_sampling = False, False
+    cycles.use_denoising = False
+    cycles.adaptive_min_samples, cycles.adaptive_threshold = LEAST_RAYS, NOISE
     cycles.diffuse_bounces, cycles.glossy_bounces = 2, 1
     cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 1
     cycles.caustics_reflective, cycles.caustics_refractive = False, False

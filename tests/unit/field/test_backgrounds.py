@@ -11,6 +11,7 @@ from nerfmodal.types import Frame
 
 HEIGHT = -0.2
 SIDE = 64
+FLOOR = np.array([HEIGHT, 0.0, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def floor() -> Frame:
 def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> None:
     clear = np.ones(floor.images.shape[:3], dtype=bool)
     clear[:, 20:44, 28:36] = False
-    filled = list(ground_behind(HEIGHT, floor.rig, views_of(floor), clear))
+    filled = list(ground_behind(FLOOR, floor.rig, views_of(floor), clear))
     flat = np.concatenate([numbers for numbers, _ in filled])
     off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
     assert set(flat) <= set(np.flatnonzero(~clear))
@@ -43,7 +44,7 @@ def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> No
 
 
 def test_nothing_is_said_of_what_nobody_sees(floor: Frame) -> None:
-    assert not list(ground_behind(HEIGHT, floor.rig, views_of(floor), np.zeros(floor.images.shape[:3], dtype=bool)))
+    assert not list(ground_behind(FLOOR, floor.rig, views_of(floor), np.zeros(floor.images.shape[:3], dtype=bool)))
 
 
 def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
@@ -51,7 +52,7 @@ def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
     clear = np.ones(floor.images.shape[:3], dtype=bool)
     clear[0] = False
     dark = Frame(index=0, time=0.0, rig=floor.rig, images=np.where(clear[..., None], floor.images, 0).astype(np.uint8))
-    filled = list(ground_behind(HEIGHT, dark.rig, views_of(dark), clear))
+    filled = list(ground_behind(FLOOR, dark.rig, views_of(dark), clear))
     flat = np.concatenate([numbers for numbers, _ in filled])
     off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
     assert (flat < SIDE * SIDE).all()

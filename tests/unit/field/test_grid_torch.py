@@ -19,6 +19,9 @@ LOW, HIGH = np.full(3, -0.7), np.full(3, 0.7)
 RNG = np.random.default_rng(3)
 IMAGES = RNG.integers(0, 256, size=(3, 20, 24, 3), dtype=np.uint8)
 STILL = RNG.integers(0, 256, size=(3, 20, 24, 3), dtype=np.uint8)
+Plane = tuple[float, float, float] | None
+TILTED = (-1.0, 0.1, -0.2)
+"""A ground: its height and slopes."""
 
 
 @pytest.fixture(scope="module")
@@ -27,18 +30,18 @@ def views() -> Views:
     return views_of(Frame(index=0, time=0.0, images=IMAGES, rig=rig))
 
 
-def a_field(ground: float | None) -> grid.GridField:
+def a_field(ground: Plane) -> grid.GridField:
     """Random values, in two thirds of the blocks."""
     rng = np.random.default_rng(5)
-    field = grid.empty_field(LOW, HIGH, 0.1, ground)
+    field = grid.empty_field(LOW, HIGH, 0.1, None if ground is None else np.array(ground))
     field.values[:, 0] = rng.normal(-2, 1, len(field.values))
     field.values[:, 1:] = rng.random((len(field.values), 3))
     shape = tuple(4 * n for n in field.bricks.slots.shape)
     return replace(field, bricks=with_masks(field.bricks, rng.random(shape) < 0.67))
 
 
-@pytest.mark.parametrize("ground", [None, -1.0])
-def test_both_show_the_same(views: Views, ground: float | None) -> None:
+@pytest.mark.parametrize("ground", [None, TILTED])
+def test_both_show_the_same(views: Views, ground: Plane) -> None:
     field = a_field(ground)
     pixels = pixels_at(np.arange(views.pixels), views.images.shape)
     by_kernel = grid.render(field, views, pixels, behind=True)
@@ -48,8 +51,8 @@ def test_both_show_the_same(views: Views, ground: float | None) -> None:
         assert close.mean() > 0.995  # a ray along a block's edge may take or leave a sample by rounding
 
 
-@pytest.mark.parametrize(("ground", "behind"), [(None, True), (-1.0, True), (-1.0, False)])
-def test_both_have_the_same_gradients(views: Views, ground: float | None, behind: bool) -> None:
+@pytest.mark.parametrize(("ground", "behind"), [(None, True), (TILTED, True), (TILTED, False)])
+def test_both_have_the_same_gradients(views: Views, ground: Plane, behind: bool) -> None:
     field = a_field(ground)
     pixels = pixels_at(np.arange(0, views.pixels, 7), views.images.shape)
     jitters = np.random.default_rng(1).random(len(pixels))
@@ -72,7 +75,7 @@ def test_both_have_the_same_gradients(views: Views, ground: float | None, behind
 
 
 def test_both_learn_alike(views: Views) -> None:
-    start = a_field(-1.0)
+    start = a_field(TILTED)
 
     def trained(by_gpu: bool) -> tuple[np.ndarray, float]:
         rng, field = np.random.default_rng(2), replace(start, values=start.values.copy())

@@ -14,6 +14,8 @@ from nerfmodal.types import Frame
 
 VOXEL = 0.1
 LOW, HIGH = np.full(3, -0.7), np.full(3, 0.7)
+TILTED = (-1.0, 0.1, -0.2)
+"""A ground: its height and slopes."""
 
 
 @pytest.fixture
@@ -28,8 +30,8 @@ def views(rng: np.random.Generator) -> Views:
     return views_of(Frame(index=0, time=0.0, images=images, rig=rig))
 
 
-def a_field(rng: np.random.Generator, ground: float | None = None) -> grid.GridField:
-    field = grid.empty_field(LOW, HIGH, VOXEL, ground)
+def a_field(rng: np.random.Generator, ground: tuple[float, float, float] | None = None) -> grid.GridField:
+    field = grid.empty_field(LOW, HIGH, VOXEL, None if ground is None else np.array(ground))
     field.values[:, 0] = rng.normal(-2, 1, len(field.values))
     field.values[:, 1:] = rng.random((len(field.values), 3))
     return field
@@ -106,9 +108,9 @@ def test_the_loss_is_that_of_a_slow_loop(rng: np.random.Generator, views: Views)
 
 
 @pytest.mark.parametrize("beyond", [False, True])
-@pytest.mark.parametrize("ground", [None, -1.0])
+@pytest.mark.parametrize("ground", [None, TILTED])
 def test_gradients_are_the_numerical_ones(
-    rng: np.random.Generator, views: Views, beyond: bool, ground: float | None
+    rng: np.random.Generator, views: Views, beyond: bool, ground: tuple[float, float, float] | None
 ) -> None:
     field = a_field(rng, ground)
     _, gradient = loss_of(field, views, PIXELS, beyond=beyond)
@@ -131,7 +133,7 @@ def test_a_ray_that_meets_the_structure_teaches_the_ground_nothing(
     rng: np.random.Generator, views: Views, fog: float
 ) -> None:
     """Guard: `lit < CLEAR` in `train_batch`; without it the ground learns what stands before it."""
-    field = a_field(rng, -1.0)
+    field = a_field(rng, TILTED)
     field.values[: field.bricks.rows, 0] = fog
     _, gradient = loss_of(field, views, PIXELS, beyond=True)
     assert np.any(gradient[field.bricks.rows :] != 0) == (fog < -20)

@@ -16,7 +16,7 @@ from nerfmodal.spec import ReconstructionSpec, RigSpec
 from nerfmodal.types import Checkpoint, Frame, PointCloud
 
 RADIUS = 0.3
-SCENE = Scene(low=np.array([-0.7, -0.7, 0.05]), high=np.array([0.7, 0.7, 1.45]), ground=0.0)
+SCENE = Scene(low=np.array([-0.7, -0.7, 0.05]), high=np.array([0.7, 0.7, 1.45]), ground=np.zeros(3))
 SETTINGS = ReconstructionSpec(voxel_m=0.04, iterations=260, fine_tune_iterations=80, rays_per_batch=2048, points=4000)
 
 
