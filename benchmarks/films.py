@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from nerfmodal import io, simulate
 from nerfmodal.simulate import Plant
-from nerfmodal.spec import ImposedMode, RigSpec, ScanSpec, SimulationSource
+from nerfmodal.spec import ImposedMode, ReconstructionSpec, RigSpec, ScanSpec, SimulationSource
 from nerfmodal.types import Frame
 
 FOLDER = Path("out/benchmarks/films")
@@ -51,6 +51,7 @@ def palm(
     """The palm from 3 m: at 200 pixels a pixel's footprint is 14 mm."""
     return ScanSpec(
         name="palm",
+        reconstruction=ReconstructionSpec(motion="refit"),
         source=SimulationSource(
             kind="simulation",
             frames=frames,

@@ -112,7 +112,7 @@ def fit_first(
         scene, _settings_of_first(spec), trained, held_out, spec.seed, _telling(report), keeping, alone
     )
     keeping.forget()
-    if spec.reconstruction.motion == "follow" and not alone:
+    if spec.reconstruction.follows and not alone:
         return _with_reference(spec, checkpoint, trained, scene)
     return checkpoint
 
@@ -120,16 +120,21 @@ def fit_first(
 def _settings_of_first(spec: ScanSpec) -> ReconstructionSpec:
     """A reference that is followed is trained at once for as long as frame 0 is else in two parts."""
     settings = spec.reconstruction
-    if settings.motion == "refit":
+    if not settings.follows:
         return settings
     return settings.model_copy(update={"iterations": settings.iterations + settings.fine_tune_iterations})
 
 
 def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene: field.Scene) -> Checkpoint:
-    """The checkpoint with what frames need to be followed: the points of frame 0, and who sees which."""
+    """The checkpoint with what frames need to be followed: the points of frame 0, and who sees which.
+
+    Where frame 0 shows no organ there is nothing to follow, and frames are refitted.
+    """
     spread = SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction)
     points = _points(spec, field.looker(checkpoint, first), first, scene, report=lambda _: None)
-    organs, found = find_organs(_organs(spec), [points], spec.seed)
+    organs, found = find_organs(_organs(spec), [points], spec.seed) if len(points.points) else ((), {})
+    if not organs:
+        return checkpoint
     reference = tracking.prepare(
         field.looker(checkpoint, first),
         first,
@@ -158,7 +163,7 @@ def fine_tune(
     Cameras that lost their picture, of this frame or of frame 0, say nothing. `resume` is as in `fit_first`.
     """
     start, now = (capture.split_held_out(one, _held_out(spec), first.rig)[0] for one in (first, frame))
-    if spec.reconstruction.motion == "follow":
+    if tracking.has_reference(parent.state):
         followed, losses = tracking.followed(parent, start, now)
         lost = "; ".join(f"{organ}: {loss.value}" for organ, loss in losses.items())
         report(Progress(done=1, total=1, message=lost))

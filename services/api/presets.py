@@ -65,7 +65,6 @@ DEFAULT = ScanSpec(
     name="acai",
     source=SimulationSource(kind="simulation", frames=52, frame_rate_hz=25, motion=_motion(), samples=8),
     reconstruction=ReconstructionSpec(
-        motion="follow",
         voxel_m=0.0125,
         iterations=800,
         fine_tune_iterations=120,

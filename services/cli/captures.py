@@ -60,7 +60,7 @@ def reconstruct_capture(spec: ScanSpec, folder: Path, *, report: StageReport) ->
     if opened is not None:
         _write_json(folder / "capture.json", capture_summary(opened))
     first = pipeline.make_frame(spec, 0, opened, report=_nothing)
-    shared = pipeline.fit_first(spec, first, report=lambda now: report("train first", now))
+    shared = pipeline.fit_first(spec, first, report=lambda now: report("train first", now), alone=len(times) == 1)
     metrics: list[Entry] = []
     for index in range(len(times)):
         began = time.monotonic()

@@ -6,7 +6,7 @@ from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.spec import RigSpec
 
 RIG = semi_spherical_rig(RigSpec(cameras=10, width_px=96, height_px=96, radius_m=2.0))
-SMALL = Settings(frame_rate=30.0, frames=32, samples=1, iterations=80, fine_tune_iterations=24, voxels=64)
+SMALL = Settings(frame_rate=30.0, frames=32, iterations=160, fine_tune_iterations=24, voxels=64)
 
 
 def test_the_largest_motions_are_read_and_nothing_is_seen_that_is_not_there():

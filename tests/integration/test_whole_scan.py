@@ -32,7 +32,13 @@ SPEC = ScanSpec.model_validate(
                 {"organ": "trunk", "shape": "bending_1", "frequency_hz": 1.07, "amplitude_m": 0.06, "phase_deg": 20}
             ],
         },
-        "reconstruction": {"voxel_m": 0.03, "iterations": 240, "fine_tune_iterations": 120, "points": 6000},
+        "reconstruction": {
+            "motion": "refit",
+            "voxel_m": 0.03,
+            "iterations": 240,
+            "fine_tune_iterations": 120,
+            "points": 6000,
+        },
         "organs": [
             {
                 "name": "trunk",
@@ -88,7 +94,7 @@ def test_the_service_and_one_process_give_the_same_modes(service: Service, alone
 def test_following_finds_the_mode_in_three_components_and_is_the_same_in_the_service(
     service: Service, folder: Path
 ) -> None:
-    reconstruction = SPEC.reconstruction.model_copy(update={"motion": "follow"})
+    reconstruction = SPEC.reconstruction.model_copy(update={"motion": None})
     spec = SPEC.model_copy(update={"reconstruction": reconstruction})
     alone = pipeline.run(spec, folder / "followed", report=lambda *_: None)
     _, served = result_of(service, spec)

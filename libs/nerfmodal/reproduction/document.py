@@ -38,7 +38,7 @@ def experiment_document(
         "renderer": source.renderer,
         "samples": source.samples,
         "field": spec.reconstruction.field,
-        "motion": spec.reconstruction.motion,
+        "motion": "follow" if spec.reconstruction.follows else "refit",
         "iterations": spec.reconstruction.iterations,
         "fine_tune_iterations": spec.reconstruction.fine_tune_iterations,
         "device": result.provenance.device,

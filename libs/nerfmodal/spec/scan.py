@@ -17,8 +17,9 @@ class ReconstructionSpec(Part):
     """How each frame's pictures become a point cloud."""
 
     field: Literal["grid", "mlp"] = "grid"
-    motion: Literal["refit", "follow"] = "refit"
-    """`refit` trains a field for every frame and fits its surfaces anew; `follow` moves the points of frame 0."""
+    motion: Literal["refit", "follow"] | None = None
+    """`follow` moves the points of frame 0 through the pictures of every frame; `refit`, the paper's way, trains a
+    field for every frame and fits its surfaces anew. By default `follow`; of the paper's field, `mlp`, `refit`."""
     region: Box | None = None
     """The box that is reconstructed finely; by default what all cameras look at."""
     ground_m: Metres | Literal["none"] | None = None
@@ -42,6 +43,11 @@ class ReconstructionSpec(Part):
     """Points whose ray is less opaque are discarded (eq 10)."""
     points: Annotated[int, Field(ge=100, le=10_000_000)] = 50_000
     """Points per cloud at the most."""
+
+    @property
+    def follows(self) -> bool:
+        """Whether frames are followed, and not refitted."""
+        return self.motion == "follow" or (self.motion is None and self.field == "grid")
 
     @model_validator(mode="after")
     def _backgrounds_are_known(self) -> "ReconstructionSpec":

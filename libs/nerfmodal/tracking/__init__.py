@@ -6,7 +6,14 @@ makes them the pictures of the frame. Points are then the same places of the str
 
 from nerfmodal.tracking.checkpoints import cloud_of, followed
 from nerfmodal.tracking.following import Followed, Loss, follow
-from nerfmodal.tracking.reference import Labels, Reference, prepare, reference_arrays, reference_of
+from nerfmodal.tracking.reference import (
+    Labels,
+    Reference,
+    has_reference,
+    prepare,
+    reference_arrays,
+    reference_of,
+)
 
 __all__ = [
     "Followed",
@@ -16,6 +23,7 @@ __all__ = [
     "cloud_of",
     "follow",
     "followed",
+    "has_reference",
     "prepare",
     "reference_arrays",
     "reference_of",

@@ -24,7 +24,7 @@ OPAQUE = 0.3
 FAINT = 0.01
 SOLID = 0.95
 """A pixel is opaque when the field is more opaque than this there and all around."""
-MATTE_PRIOR = 0.1
+MATTE_PRIOR = 0.05
 """Squared difference of structure and background (of 1) from which on the picture decides the opacity."""
 COLOR_REACH = 2.0
 """Pixels over which the structure's colour is smoothed for it."""
@@ -115,6 +115,11 @@ def reference_arrays(reference: Reference) -> dict[str, np.ndarray]:
     kept = {f"follow/{name}": getattr(reference, name) for name in ARRAYS}
     kept["follow/organs"] = np.frombuffer("\n".join(reference.organs).encode(), dtype=np.uint8)
     return kept
+
+
+def has_reference(state: Mapping[str, np.ndarray]) -> bool:
+    """Whether a checkpoint of frame 0 has what frames need to be followed."""
+    return "follow/organs" in state
 
 
 def reference_of(state: Mapping[str, np.ndarray]) -> Reference:

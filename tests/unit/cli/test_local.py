@@ -44,7 +44,7 @@ def fake_stages(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def truth(_: ScanSpec, path: Path) -> None:
         io.write_truth(path, [mode for organ in small_result().organs for mode in modes_as_truth(organ)])
 
-    def first(_: ScanSpec, __: Frame, *, report: Any) -> Checkpoint:
+    def first(_: ScanSpec, __: Frame, *, report: Any, alone: bool) -> Checkpoint:  # noqa: ARG001
         report(Progress(done=1, total=1))
         asked.append("first")
         return checkpoint(0, None)
