@@ -25,7 +25,7 @@ MOTION_SHARE = 0.1
 """Expected size of the displacement, in lengths of the organ, before a coarser level has said more."""
 LEAST_SHARE, DOUBT = 0.01, 4.0
 """The coarser level's root mean square times so much is the expected size, or at least this share of the length."""
-TUNING = 0.5
+TUNING = 0.8
 """A pixel whose difference, with its neighbours', is so many robust standard deviations has half its weight."""
 NEAR = 0.6
 """Pixels (of the level) over which differences are averaged to weigh a pixel: a hidden leaflet is more than one pixel,
