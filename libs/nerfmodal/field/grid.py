@@ -72,13 +72,14 @@ def grid_state(field: GridField) -> dict[str, np.ndarray]:
 
 def grid_of(state: Mapping[str, np.ndarray]) -> GridField:
     """The grid field that these arrays are."""
-    bricks = Bricks(low=state["low"], voxel=float(state["voxel"][0]), slots=state["slots"], masks=state["masks"])
+    voxel, *ground = state["voxel"].tolist()
+    bricks = Bricks(low=state["low"], voxel=voxel, slots=state["slots"], masks=state["masks"])
     return GridField(
         bricks=bricks,
         high=state["high"],
         values=state["values"],
         outer=state["outer"],
-        ground=state["voxel"][1:],
+        ground=np.array([*ground, 0.0, 0.0][:3]),  # older checkpoints have the height of a level ground alone
         sides=(int(state["sides"][0]), int(state["sides"][1])),
     )
 

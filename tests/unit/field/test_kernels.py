@@ -237,3 +237,11 @@ def test_the_result_does_not_depend_on_threads(rng: np.random.Generator, views: 
         numba.set_num_threads(before)
     assert results[0][0] == results[1][0]
     np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+@pytest.mark.parametrize("height", [-0.5, np.nan])
+def test_a_checkpoint_of_an_older_version_has_a_level_ground_or_none(rng: np.random.Generator, height: float) -> None:
+    state = grid.grid_state(a_field(rng)) | {"voxel": np.array([VOXEL, height])}
+    field = grid.grid_of(state)
+    np.testing.assert_array_equal(field.ground, [height, 0.0, 0.0])
+    assert field.has_ground == np.isfinite(height)
