@@ -28,16 +28,22 @@ def find_organs(
     return (given, cloud.assign(given, found)) if given else cloud.specify(found)
 
 
-def _selected(organ: cloud.FoundOrgan, clouds: Sequence[PointCloud | None]) -> list[PointCloud | None]:
-    """The part of every cloud in an organ's space; of material points those that begin there."""
-    if not surface.is_material(clouds):
-        return [None if one is None else organ.select(one) for one in clouds]
-    mine = organ.contains(next(one for one in clouds if one is not None).points)
-    return [None if one is None else one.part(mine) for one in clouds]
+def _followed_as(
+    organs: Sequence[OrganSpec], found: Found, organ: OrganSpec, clouds: Sequence[PointCloud | None]
+) -> Sequence[PointCloud | None]:
+    """The material points that were followed as this organ's, and not as those of another whose box they are in too.
+
+    An organ to which others leave too few was given on top of them, and shares theirs.
+    """
+    points = next(one for one in clouds if one is not None).points
+    inside = labelling([organ], found)(points) == 0
+    mine = labelling(organs, found)(points) == list(organs).index(organ)
+    kept = mine if mine.sum() >= surface.FEWEST_INLIERS else inside
+    return [None if one is None else one.part(kept) for one in clouds]
 
 
-def measuring(found: Found) -> Measure:
-    """`surface.measure_organ`, which sees of an organ that was found only the points in its space."""
+def measuring(organs: Sequence[OrganSpec], found: Found) -> Measure:
+    """`surface.measure_organ`, which sees of an organ that was found, or followed, only the points that are its own."""
 
     def measure(
         organ: OrganSpec,
@@ -49,8 +55,10 @@ def measuring(found: Found) -> Measure:
         rng: np.random.Generator,
         report: Callable[[int, int, str], None],
     ) -> surface.Track:
-        if organ.name in found:
-            clouds = _selected(found[organ.name], clouds)
+        if surface.is_material(clouds):
+            clouds = _followed_as(organs, found, organ, clouds)
+        elif organ.name in found:
+            clouds = [None if one is None else found[organ.name].select(one) for one in clouds]
         return surface.measure_organ(
             organ, clouds, reference=reference, times=times, frame_rate=frame_rate, rng=rng, report=report
         )

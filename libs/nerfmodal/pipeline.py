@@ -245,7 +245,7 @@ def identify(
         given,
         spec.identification,
         clouds,
-        measure=measuring(found),
+        measure=measuring(given, found),
         frame_rate=rate,
         times=times,
         seed=spec.seed,
