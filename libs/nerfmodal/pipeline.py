@@ -128,13 +128,13 @@ def _settings_of_first(spec: ScanSpec) -> ReconstructionSpec:
 def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene: field.Scene) -> Checkpoint:
     """The checkpoint with what frames need to be followed: the points of frame 0, and who sees which.
 
-    Where frame 0 shows no organ there is nothing to follow, and frames are refitted.
+    Where frame 0 shows nothing there is nothing to follow, and frames are refitted.
     """
     spread = SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction)
     points = _points(spec, field.looker(checkpoint, first), first, scene, report=lambda _: None)
-    organs, found = find_organs(_organs(spec), [points], spec.seed) if len(points.points) else ((), {})
-    if not organs:
+    if not len(points.points):
         return checkpoint
+    organs, found = find_organs(_organs(spec), [points], spec.seed)
     reference = tracking.prepare(
         field.looker(checkpoint, first),
         first,

@@ -48,7 +48,7 @@ def test_what_is_said_of_the_ground_is_believed(frame: Frame, monkeypatch: pytes
     assert ground_of(a_capture(ground_m="none"), frame) is None
 
 
-def test_where_frame_0_shows_no_organ_frames_are_refitted(frame: Frame) -> None:
+def test_where_frame_0_shows_nothing_frames_are_refitted(frame: Frame) -> None:
     """Plain pictures: an empty region, hence nothing to follow; the next frame is trained, and not taken for lost."""
     plain = replace(frame, images=np.full_like(frame.images, 90))
     spec = a_capture(ground_m="none", iterations=20, fine_tune_iterations=5, rays_per_batch=256, voxel_m=0.1)
