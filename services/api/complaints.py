@@ -33,8 +33,8 @@ KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
 LEADING_KEY = re.compile(r"^(\w+(?:\[\d+\])?(?:\.\w+(?:\[\d+\])?)*)(?=: | = )(?:: )?")
 """The field a validator's message begins with: 'motion[0].frequency_hz = …' or 'organs: …'."""
 
-UNION_MEMBER = re.compile(r"[A-Z]\w*$|literal\[|[a-z-]+\[")
-"""What pydantic calls a member of a union: a class, or a type with brackets."""
+UNION_MEMBER = re.compile(r"[A-Z]\w*$|literal\[|[a-z-]+\[|(?:float|int|str|bool)$")
+"""What pydantic calls a member of a union: a class, a type with brackets, or a plain one."""
 
 REMEDIES: Mapping[str, str] = {
     "missing": "Add it.",

@@ -69,6 +69,7 @@ def test_a_pointer_escapes_what_rfc_6901_escapes() -> None:
         ({"source": {"kind": "film"}}, "/source/kind", "simulation"),
         ({"source": {}}, "/source/kind", "one of simulation"),
         ({"source": {"kind": "simulation", "simulation": 1}}, "/source/simulation", "keys here"),
+        ({"reconstruction": {"ground_m": "floor"}}, "/reconstruction/ground_m", "Give a value"),
     ],
 )
 def test_faults_of_the_whole_are_pointed_at(change: dict[str, Any], pointer: str, hint: str) -> None:
