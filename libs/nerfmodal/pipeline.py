@@ -131,12 +131,13 @@ def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene:
     Where frame 0 shows nothing there is nothing to follow, and frames are refitted.
     """
     spread = SPREAD_VOXELS * field.voxel_of(scene, spec.reconstruction)
-    points = _points(spec, field.looker(checkpoint, first), first, scene, report=lambda _: None)
+    look = field.looker(checkpoint, first)
+    points = _points(spec, look, first, scene, report=lambda _: None)
     if not len(points.points):
         return checkpoint
     organs, found = find_organs(_organs(spec), [points], spec.seed)
     reference = tracking.prepare(
-        field.looker(checkpoint, first),
+        look,
         first,
         checkpoint.state["backgrounds"],
         organs=tuple(organ.name for organ in organs),

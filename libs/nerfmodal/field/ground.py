@@ -12,9 +12,9 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
 from nerfmodal.field.beyond import Ground, on_ground, slants
-from nerfmodal.field.views import directions_of, views_of
+from nerfmodal.field.views import Views, directions_of, views_of
 from nerfmodal.geometry.cameras import focus_of
-from nerfmodal.types import Frame
+from nerfmodal.types import Frame, Rig
 
 COARSEST, SIZES = 50, (100, 200)
 """Pixels along the longer side of the pictures: where all planes are tried, and where the best is refined."""
@@ -59,19 +59,19 @@ def find_ground(frame: Frame) -> Ground | None:
 
     A ground without texture, or one that three cameras at a time do not see, cannot be told from others: None.
     """
-    coarse = _rays_of(frame, COARSEST, MOST_RAYS[0])
+    views = views_of(frame)
+    coarse = _rays_of(views, frame.rig, COARSEST, MOST_RAYS[0])
     ground = min(_candidates(coarse), key=lambda plane: _disagreement(plane, coarse))
     rays = coarse
     for size in SIZES:
-        rays = _rays_of(frame, size, MOST_RAYS[1])
+        rays = _rays_of(views, frame.rig, size, MOST_RAYS[1])
         ground = _refined(ground, rays)
     found = np.median(_differences(ground, rays))
     others = [np.median(_differences(ground + [share * rays.distance, 0, 0], rays)) for share in OTHERS]
     return _in_the_world(ground, rays.center) if found <= BETTER * np.median(others) else None
 
 
-def _rays_of(frame: Frame, size: int, most: int) -> _Rays:
-    views = views_of(frame)
+def _rays_of(views: Views, rig: Rig, size: int, most: int) -> _Rays:
     cameras, height, width = views.images.shape[:3]
     factor = max(max(height, width) // size, 1)
     rows, columns = height // factor, width // factor
@@ -81,8 +81,8 @@ def _rays_of(frame: Frame, size: int, most: int) -> _Rays:
     pixels = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int32)
     kept = np.flatnonzero(np.ones(len(pixels), bool) if views.counts is None else views.counts[tuple(pixels.T)])
     kept = np.random.default_rng(0).permutation(kept)[:most]
-    center, distance = focus_of(frame.rig)
-    focal = float(np.median([camera.focal_x for camera in frame.rig.cameras]))
+    center, distance = focus_of(rig)
+    focal = float(np.median([camera.focal_x for camera in rig.cameras]))
     return _Rays(
         camera=pixels[kept, 0],
         origins=views.poses[pixels[kept, 0], :3, 3] - center,
