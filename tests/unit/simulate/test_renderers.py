@@ -228,3 +228,14 @@ def test_a_studio_shows_what_moved_in_it_and_back(renderer):
         again = studio.shoot(cameras[1], 2)
     assert np.array_equal(before, again)
     assert (np.abs(before.astype(int) - empty).max(axis=2) > 20).mean() > 0.03
+
+
+def test_many_rays_are_spent_where_pixels_are_uncertain(monkeypatch):
+    """Not the picture of as many rays everywhere, but close to it: far closer than one of few rays."""
+    mesh, camera = acai().mesh, semi_spherical_rig(RIG).cameras[1]
+    with blender.open_studio(mesh, mesh.vertices, 0) as studio:
+        few, spent = (studio.shoot(camera, samples).astype(int) for samples in (8, 128))
+        monkeypatch.setattr(blender, "PLAIN_RAYS", 128)
+        everywhere = studio.shoot(camera, 128).astype(int)
+    assert not np.array_equal(spent, everywhere)
+    assert np.abs(spent - everywhere).mean() < 0.3 * np.abs(few - everywhere).mean()
