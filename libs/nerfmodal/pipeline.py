@@ -140,6 +140,7 @@ def _with_reference(spec: ScanSpec, checkpoint: Checkpoint, first: Frame, scene:
         look,
         first,
         checkpoint.state["backgrounds"],
+        checkpoint.state["backgrounds_known"],
         organs=tuple(organ.name for organ in organs),
         labels=labelling(organs, found),
         flat_organs=tuple(organ.surface != "cylinder" for organ in organs),

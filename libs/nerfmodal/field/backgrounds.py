@@ -1,40 +1,150 @@
 """What each camera would see if the region were empty: its own picture where it does, elsewhere what lies beyond.
 
 Behind the structure the ground is what the camera that sees the place most closely shows of it: a picture is sharper
-than a texture learned from many, and a blurred pattern beside a moving leaf looks like a part of it that stays.
+than a texture learned from many, and a blurred pattern beside a moving leaf looks like a part of it that stays. What no
+other camera shows is guessed from around it.
 """
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from scipy.ndimage import binary_erosion, map_coordinates
+from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
-from nerfmodal.field.beyond import FLAT, Ground, on_ground, slants
+from nerfmodal.field.beyond import FLAT, MOST_PIXELS, Ground, on_ground, shared_ground, slants
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.geometry.cameras import project
 from nerfmodal.types import Camera, Frame, Rig
 
+FOG = 0.5
+"""A ray that keeps more than this of its light may be held up by fog alone."""
+ALIKE = 0.12
+"""Fog is where a picture, smoothed by `BLUR` pixels, is nearer than this (of 1) to what is thought to be behind it."""
+BLUR = 1.5
+PASSES = 2
+"""Times that fog is looked for: each time more is known of what is behind the rest."""
+REACH = 3
+"""Pixels around from which an unseen one is guessed (Telea 2004)."""
 
-def still_backgrounds(field: GridField, first: Frame) -> UInt8[np.ndarray, "cameras height width 3"]:
-    """The still background of every pixel of frame 0, from its trained field and its pictures."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backgrounds:
+    """What stands still behind each pixel, and where some picture shows it; elsewhere it is guessed."""
+
+    images: UInt8[np.ndarray, "cameras height width 3"]
+    known: Bool[np.ndarray, "cameras height width"]
+
+
+def still_backgrounds(field: GridField, first: Frame) -> Backgrounds:
+    """The still background of every pixel of frame 0, from its trained field and its pictures.
+
+    Beside the structure a pixel may hold a little of it that the field does not know: its own picture is not believed.
+    """
     views = views_of(first)
-    backgrounds = np.empty_like(views.images)
-    clear = np.empty(views.images.shape[:3], dtype=bool)
-    for number, image in enumerate(views.images):
-        _, left, behind, _, _ = render(field, views, views.pixels_of(number), behind=True)
-        learned = np.round(np.clip(behind, 0, 1) * 255).astype(np.uint8).reshape(image.shape)
-        clear[number] = left.reshape(image.shape[:2]) > CLEAR
-        if views.counts is not None:
-            clear[number] &= views.counts[number]
-        backgrounds[number] = np.where(clear[number, :, :, None], image, learned)
-    if field.has_ground:
-        surely = np.stack([binary_erosion(one, np.ones((3, 3), dtype=bool)) for one in clear])
-        for flat, colors in ground_behind(field.ground, first.rig, views, surely):
-            backgrounds.reshape(-1, 3)[flat] = colors
-    return backgrounds
+    clear = _within(_counting(remaining(field, views) > CLEAR, views))
+    shared = shared_ground(field, views) if field.has_ground else None
+    return _behind(field, first.rig, views, clear, shared)
+
+
+def presumed_backgrounds(
+    field: GridField, rig: Rig, views: Views, shared: Bool[np.ndarray, "cameras height width"], *, foggy: bool
+) -> UInt8[np.ndarray, "cameras height width 3"]:
+    """What a field with a ground has behind it while it is trained, as far as it is known by then.
+
+    A field whose place beyond is blurred grows fog to sharpen it. What looks like its background behind fog alone is
+    taken for it: the fog has nothing to explain any more, and clears. Before any training (`foggy` is false) there is
+    nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`.
+    """
+    step = math.ceil(math.sqrt(views.pixels / MOST_PIXELS))
+    left = _spread(remaining(field, views, step), step, views)
+    clear, thin = _counting(left > CLEAR, views), _counting(left > FOG, views)
+    behind = _behind(field, rig, views, clear, shared)
+    images = behind.images
+    for _ in range(PASSES if foggy else 0):
+        clear |= thin & _alike(views.images, images)
+        images = np.where(clear[..., None], views.images, images)
+        _guess(images, views.images, clear, ~(clear | behind.known | shared))
+    return images
+
+
+def remaining(field: GridField, views: Views, step: int = 1) -> Float[np.ndarray, "cameras rows columns"]:
+    """The share of its light that the ray of every `step`-th pixel keeps on its way through the region."""
+    cameras, height, width = views.images.shape[:3]
+    rows, columns = np.arange(0, height, step), np.arange(0, width, step)
+    left = np.empty((cameras, len(rows), len(columns)), np.float32)
+    for camera in range(cameras):
+        grid = np.stack(np.meshgrid([camera], rows, columns, indexing="ij"), axis=-1).reshape(-1, 3)
+        left[camera] = render(field, views, grid.astype(np.int32), behind=False)[1].reshape(left.shape[1:])
+    return left
+
+
+def _spread(
+    coarse: Float[np.ndarray, "cameras rows columns"], step: int, views: Views
+) -> Float[np.ndarray, "cameras height width"]:
+    _, height, width = views.images.shape[:3]
+    return coarse if step == 1 else coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
+
+
+def _counting(
+    pixels: Bool[np.ndarray, "cameras height width"], views: Views
+) -> Bool[np.ndarray, "cameras height width"]:
+    return pixels if views.counts is None else pixels & views.counts
+
+
+def _within(clear: Bool[np.ndarray, "cameras height width"]) -> Bool[np.ndarray, "cameras height width"]:
+    """The pixels that are clear with all around them."""
+    return np.stack([binary_erosion(one, np.ones((3, 3), dtype=bool), border_value=1) for one in clear])
+
+
+def _behind(
+    field: GridField,
+    rig: Rig,
+    views: Views,
+    clear: Bool[np.ndarray, "cameras height width"],
+    shared: Bool[np.ndarray, "cameras height width"] | None,
+) -> Backgrounds:
+    """The pictures where they are clear; else what another camera shows, what the field learned, or a guess."""
+    images, known = views.images.copy(), clear.copy()
+    hidden = np.flatnonzero(~clear)
+    _, _, learned, _, _ = render(field, views, pixels_at(hidden, clear.shape), behind=True)
+    images.reshape(-1, 3)[hidden] = np.round(np.clip(learned, 0, 1) * 255)
+    if shared is not None:
+        for flat, colors in ground_behind(field.ground, rig, views, _within(clear)):
+            images.reshape(-1, 3)[flat], known.reshape(-1)[flat] = colors, True
+        _guess(images, views.images, clear, ~(known | shared))
+    return Backgrounds(images=images, known=known)
+
+
+def _guess(
+    images: UInt8[np.ndarray, "cameras height width 3"],
+    pictures: UInt8[np.ndarray, "cameras height width 3"],
+    clear: Bool[np.ndarray, "cameras height width"],
+    unknown: Bool[np.ndarray, "cameras height width"],
+) -> None:
+    """Fill the unknown pixels of `images`, in place, from what the pictures show clearly around them."""
+    import cv2
+
+    step = math.ceil(math.sqrt(clear.size / MOST_PIXELS))
+    for image, picture, seen, unseen in zip(images, pictures, clear, unknown, strict=True):
+        if unseen.any() and seen.any():
+            small = np.ascontiguousarray(picture[::step, ::step])
+            filled = cv2.inpaint(small, (~seen[::step, ::step]).astype(np.uint8), REACH, cv2.INPAINT_TELEA)
+            rows, columns = np.nonzero(unseen)
+            image[rows, columns] = filled[rows // step, columns // step]
+
+
+def _alike(
+    images: UInt8[np.ndarray, "cameras height width 3"], others: UInt8[np.ndarray, "cameras height width 3"]
+) -> Bool[np.ndarray, "cameras height width"]:
+    alike = np.empty(images.shape[:3], dtype=bool)
+    for camera, (image, other) in enumerate(zip(images, others, strict=True)):
+        off = gaussian_filter(image.astype(np.float32) - other, (BLUR, BLUR, 0))
+        alike[camera] = np.abs(off).max(axis=-1) < 255 * ALIKE
+    return alike
 
 
 def ground_behind(

@@ -16,6 +16,10 @@ FLAT = -1e-4
 """Rays that fall less than this see the sky, as in `marching.meet_ground`."""
 MOST_PIXELS = 4_000_000
 """More than so many say nothing new of a texture."""
+SHARED = 3
+"""Cameras that must see a place of the ground before what one of them shows there can be told from the ground."""
+PATCH = 4
+"""Texels along the patches for which cameras are counted: a picture from afar skips texels, but no patch."""
 
 
 def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras height width"] | None = None) -> None:
@@ -33,6 +37,31 @@ def lay_ground(field: GridField, views: Views, seen: Bool[np.ndarray, "cameras h
     start = field.bricks.rows
     field.values[start : start + field.sides[0] ** 2, 1:] = _medians(ground, colors[falls], field.sides[0])
     field.values[start + field.sides[0] ** 2 :, 1:] = _medians(sky, colors[~falls], field.sides[1])
+
+
+def shared_ground(field: GridField, views: Views) -> Bool[np.ndarray, "cameras height width"]:
+    """Pixels whose ray meets the ground where enough cameras see it, whatever stands before it."""
+    side = field.sides[0] // PATCH
+    counts, patches = np.zeros(side * side, np.int32), []
+    for camera in range(len(views.images)):
+        falls, patch = _patches(field, views, camera, side)
+        counts += np.bincount(patch, minlength=side * side) > 0
+        patches.append((np.packbits(falls), patch.astype(np.int32)))
+    shared = np.zeros(views.images.shape[:3], dtype=bool)
+    each = shared[0].size
+    for one, (falls, patch) in zip(shared.reshape(len(patches), each), patches, strict=True):
+        one[np.unpackbits(falls, count=each).astype(bool)] = counts[patch] >= SHARED
+    return shared
+
+
+def _patches(
+    field: GridField, views: Views, camera: int, side: int
+) -> tuple[Bool[np.ndarray, " pixels"], Int[np.ndarray, " falling"]]:
+    """Which pixels of a camera meet the ground, and in which patch of it."""
+    directions = directions_of(views, views.pixels_of(camera))
+    falls = slants(field.ground, directions) < FLAT
+    origins = np.broadcast_to(views.poses[camera, :3, 3], directions[falls].shape)
+    return falls, _texels(_ground_points(field, origins, directions[falls]), side)
 
 
 def slants(ground: Ground, directions: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, " rays"]:

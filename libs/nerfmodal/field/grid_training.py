@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
-from nerfmodal.field.backgrounds import still_backgrounds
-from nerfmodal.field.beyond import Ground, lay_ground, slants
+from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, still_backgrounds
+from nerfmodal.field.beyond import Ground, lay_ground, shared_ground
 from nerfmodal.field.bricks import (
     BLOCKS,
     Bricks,
@@ -41,7 +41,7 @@ from nerfmodal.field.grid import (
     train,
 )
 from nerfmodal.field.marching import ROWS_PER_BRICK
-from nerfmodal.field.views import Views, directions_of, views_of
+from nerfmodal.field.views import Views, views_of
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.types import Frame
 
@@ -52,8 +52,6 @@ BEYOND_RATES = Rates(color=0.02, final=1e-5)
 BEYOND_LIMIT = 0.03
 UNEXPLAINED = 0.12
 """A pixel that the ground and sky miss by more than this (of 1) sees the structure."""
-STEEP = -0.05
-"""Rays that fall less than this do not vote: the sky beyond is known to few cameras."""
 LEVELS = (0.1, 0.15, 0.2, 0.3)
 """Share of the iterations of each level; the voxel halves between two."""
 DECAYS = (3e-3, 3e-3, 1e-3, 1e-4)
@@ -107,14 +105,17 @@ def fit(
         level, field, seen, silhouettes = _restored(kept, views, rng, course)
         field, draw = _next_level(field, seen, views, schedule, rng, level)
         level += 1
+    plain: UInt8[np.ndarray, "cameras height width 3"] | None
     while True:
         if silhouettes is not None:
-            hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.falls)
+            hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.tell)
             field = restricted(field, hull)
             if level == 0:
-                draw = _focused(silhouettes.missed | ~silhouettes.falls, views, schedule.rays, rng)
+                draw = _focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
+            plain = presumed_backgrounds(field, frame.rig, views, silhouettes.tell, foggy=level > 0)
+        else:
+            plain = mean_colors(views) if level == 0 else None
         until = _iterations_until(level, schedule.iterations)
-        plain = mean_colors(views) if silhouettes is None and level == 0 else None
         seen = train(
             field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
         )
@@ -128,10 +129,12 @@ def fit(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silhouettes:
-    """Pixels that ground and sky alone miss, and pixels whose ray falls to the ground: only those are believed."""
+    """Pixels that ground and sky alone miss, and pixels that can tell: what one camera alone sees cannot be missed,
+    for it has learned the structure before it.
+    """
 
     missed: Bool[np.ndarray, "cameras height width"]
-    falls: Bool[np.ndarray, "cameras height width"]
+    tell: Bool[np.ndarray, "cameras height width"]
 
 
 def _learn_beyond(
@@ -195,7 +198,7 @@ def _kept(
     state = grid_state(field) | {"seen": seen, "rng": _as_bytes(rng), "at": np.array([level, course.done, course.loss])}
     if silhouettes is None:
         return state
-    return state | {name: np.packbits(getattr(silhouettes, name)) for name in ("missed", "falls")}
+    return state | {name: np.packbits(getattr(silhouettes, name)) for name in ("missed", "tell")}
 
 
 def _restored(
@@ -207,10 +210,10 @@ def _restored(
     silhouettes = None
     if "missed" in kept:
         shape = views.images.shape[:3]
-        missed, falls = (
-            np.unpackbits(kept[name], count=views.pixels).astype(bool).reshape(shape) for name in ("missed", "falls")
+        missed, tell = (
+            np.unpackbits(kept[name], count=views.pixels).astype(bool).reshape(shape) for name in ("missed", "tell")
         )
-        silhouettes = Silhouettes(missed=missed, falls=falls)
+        silhouettes = Silhouettes(missed=missed, tell=tell)
     return int(level), grid_of(kept), kept["seen"], silhouettes
 
 
@@ -228,31 +231,22 @@ def restricted(field: GridField, occupied: Occupancy) -> GridField:
 
 def unexplained(clear: GridField, views: Views) -> Silhouettes:
     """What ground and sky alone miss."""
-    missed = np.empty(views.images.shape[:3], bool)
-    falls = np.empty(views.images.shape[:3], bool)
+    missed, tell = np.empty(views.images.shape[:3], bool), shared_ground(clear, views)
     for camera, image in enumerate(views.images):
-        pixels = views.pixels_of(camera)
-        _, _, behind, _, _ = render(clear, views, pixels, behind=True)
+        _, _, behind, _, _ = render(clear, views, views.pixels_of(camera), behind=True)
         difference = np.abs(behind.reshape(image.shape) - image / np.float32(255)).max(axis=-1)
         missed[camera] = uniform_filter(median_filter(difference, 3), 3) > UNEXPLAINED
-        falls[camera] = slants(clear.ground, directions_of(views, pixels)).reshape(image.shape[:2]) < STEEP
-    if views.counts is not None:  # a pixel that does not count neither misses nor votes
-        missed, falls = missed & views.counts, falls & views.counts
-    return Silhouettes(missed=missed, falls=falls)
+    if views.counts is not None:  # a pixel that does not count neither misses nor tells
+        missed, tell = missed & views.counts, tell & views.counts
+    return Silhouettes(missed=missed, tell=tell)
 
 
 def plant_pixels(field: GridField, views: Views) -> Bool[np.ndarray, "cameras height width"]:
     """The pixels that see something in the region, or lie beside one that does."""
-    cameras, height, width = views.images.shape[:3]
-    rows, columns = np.arange(0, height, COARSE), np.arange(0, width, COARSE)
-    plant = np.empty((cameras, height, width), dtype=bool)
-    for camera in range(cameras):
-        grid = np.stack(np.meshgrid([camera], rows, columns, indexing="ij"), axis=-1).reshape(-1, 3)
-        _, left, _, _, _ = render(field, views, grid.astype(np.int32), behind=False)
-        opaque = (left < 1 - FAINT).reshape(len(rows), len(columns))
-        grown = binary_dilation(opaque, np.ones((3, 3), dtype=bool))
-        plant[camera] = grown.repeat(COARSE, axis=0).repeat(COARSE, axis=1)[:height, :width]
-    return plant
+    _, height, width = views.images.shape[:3]
+    opaque = remaining(field, views, COARSE) < 1 - FAINT
+    grown = np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque])
+    return grown.repeat(COARSE, axis=1).repeat(COARSE, axis=2)[:, :height, :width]
 
 
 def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:
@@ -294,7 +288,7 @@ def fine_tune(
     if not changed.any():
         return replace(parent, values=parent.values[: parent.bricks.rows], outer=NOWHERE)
     if backgrounds is None:  # its parent was to stay alone
-        backgrounds = still_backgrounds(parent, first)
+        backgrounds = still_backgrounds(parent, first).images
     draw = _changed_rays(changed, schedule.rays, rng)
     coarse = scaled_bricks(parent.bricks, 2)
     hull = carved_blocks(coarse, frame.rig, changed, CHANGE_AGREEMENT)

@@ -69,7 +69,8 @@ def fit(
         field = grid_training.fit(first, scene.low, scene.high, voxel, scene.ground, schedule, seed, course, keeping)
         state = grid.grid_state(field)
         if not alone:
-            state["backgrounds"] = still_backgrounds(field, first)
+            behind = still_backgrounds(field, first)
+            state |= {"backgrounds": behind.images, "backgrounds_known": behind.known}
     checkpoint = Checkpoint(
         field=settings.field,
         frame_index=first.index,

@@ -25,7 +25,7 @@ MOTION_SHARE = 0.1
 """Expected size of the displacement, in lengths of the organ, before a coarser level has said more."""
 LEAST_SHARE, DOUBT = 0.01, 4.0
 """The coarser level's root mean square times so much is the expected size, or at least this share of the length."""
-TUNING = 0.8
+TUNING = 0.6
 """A pixel whose difference, with its neighbours', is so many robust standard deviations has half its weight."""
 NEAR = 0.6
 """Pixels (of the level) over which differences are averaged to weigh a pixel: a hidden leaflet is more than one pixel,
@@ -34,8 +34,12 @@ DARKEST = 1e-3
 STEPS = 6
 SETTLED_PIXELS = 0.02
 """The search on a level ends when its steps move the organ's pixels by less than this, times the level's factor."""
-RESTLESS = 0.06
-"""Slope of the background (of 1 per pixel) behind a half transparent pixel from which on it is believed less."""
+RESTLESS = 0.05
+"""Slope of the background (of 1 per pixel) behind a clear pixel from which on it is believed less."""
+VAGUE, SOLID = 0.8, 0.98
+"""How wrong the opacity of a pixel may be that is not solid: behind it, too, a restless background tells nothing."""
+CLUSTER = 2.25
+"""Of wrong opacities and backgrounds, so many neighbours' are one error, besides what smoothing makes one."""
 PROBE = 1e-4
 """Metres by which a place is moved to see how its pixel moves."""
 
@@ -169,9 +173,10 @@ class _Problem:
         self.light = np.ascontiguousarray(bright.at(pixels.points))
         self.dofs = 3 * self.basis.shape[1]
         self.size = self.dofs + 3 * self.light.shape[1]
-        self.weights = pixels.trust / (1 + (pixels.unrest * (1 - opacity) / RESTLESS) ** 2)
+        clear = np.hypot(1 - opacity, np.where(opacity < SOLID, VAGUE, 0.0))
+        self.weights = pixels.trust / (1 + (pixels.unrest * clear / RESTLESS) ** 2)
         sigma = template.sigma / template.factor
-        self.overlap = 3 * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
+        self.overlap = 3 * CLUSTER * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
         self.vicinity = _Vicinity(pixels.camera, rows, columns)
         self._slopes: np.ndarray | None = None
 

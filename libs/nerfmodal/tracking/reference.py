@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, minimum_filter
+from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, gaussian_filter, minimum_filter
 
 from nerfmodal.geometry.cameras import unproject
 from nerfmodal.geometry.deformation import deformation_of
@@ -34,6 +34,8 @@ APART_SHARE = 0.06
 """Pixels nearer than this to another organ's are not believed: either may hide the other."""
 GRAZING = 0.85
 """A surface seen under a smaller sine than this tells less: folds hide one another."""
+GUESS_REACH = 6.0
+"""Pixels over which the background that is known says how restless one is that is not."""
 OTHER = -2
 """Label of a place of the structure that belongs to no organ that is followed."""
 SHEET_DEGREES = (4, 3, 2, 1, 0)
@@ -66,6 +68,7 @@ def prepare(
     look: Look,
     first: Frame,
     backgrounds: UInt8[np.ndarray, "cameras height width 3"],
+    known: Bool[np.ndarray, "cameras height width"],
     *,
     organs: Sequence[str],
     labels: Labels,
@@ -80,8 +83,8 @@ def prepare(
     ----------
     look
         What rays of frame 0 meet in its trained field.
-    backgrounds
-        What each pixel shows where the structure is not.
+    backgrounds, known
+        What each pixel shows where the structure is not, and where some picture shows that.
     organs, labels, flat_organs
         Names, which places belong to which, and which of them are leaves (rods look alike from all sides).
     spread
@@ -93,7 +96,7 @@ def prepare(
     for index, camera in enumerate(first.rig.cameras):
         seen = _see(look, index, camera, first.images[index], backgrounds[index], labels, spread)
         opacities.append(np.round(255 * seen.opacity).astype(np.uint8))
-        parts.append(_pixels(seen, index, camera, backgrounds[index], len(organs)))
+        parts.append(_pixels(seen, index, camera, _unrest(backgrounds[index], known[index]), len(organs)))
     flat, organ, points, unrest = (np.concatenate(column) for column in zip(*parts, strict=True))
     owner = labels(cloud)
     return Reference(
@@ -181,7 +184,7 @@ def _matte(
 
 
 def _pixels(
-    seen: _Seen, index: int, camera: Camera, background: UInt8[np.ndarray, "height width 3"], organs: int
+    seen: _Seen, index: int, camera: Camera, unrest: Float[np.ndarray, "height width"], organs: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pixels of one camera that show an organ or lie close to one: flat numbers, organs, places, unrest."""
     height, width = seen.label.shape
@@ -201,7 +204,7 @@ def _pixels(
     rows, columns = np.nonzero(chosen)
     flat = ((index * height + rows) * width + columns).astype(np.int32)
     own = _on_own_ray(camera, rows, columns, places[chosen])
-    return flat, label[chosen].astype(np.int16), own.astype(np.float32), _unrest(background)[chosen]
+    return flat, label[chosen].astype(np.int16), own.astype(np.float32), unrest[chosen]
 
 
 def _grown(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarray, "height width"]:
@@ -218,10 +221,15 @@ def _on_own_ray(
     return np.asarray(pose[:3, 3] + directions * (depth / (directions @ pose[:3, 2]))[:, None])
 
 
-def _unrest(background: UInt8[np.ndarray, "height width 3"]) -> Float[np.ndarray, "height width"]:
+def _unrest(
+    background: UInt8[np.ndarray, "height width 3"], known: Bool[np.ndarray, "height width"]
+) -> Float[np.ndarray, "height width"]:
+    """Slopes of the background; where it is a guess, which is smooth, those of what is known around."""
     values = background / np.float32(255)
-    energy = sum(np.gradient(values, axis=axis) ** 2 for axis in (0, 1))
-    return np.sqrt(gaussian_filter(np.asarray(energy).sum(axis=-1), 1.0)).astype(np.float32)
+    energy = np.asarray(sum(np.gradient(values, axis=axis) ** 2 for axis in (0, 1))).sum(axis=-1)
+    seen = binary_erosion(known, np.ones((3, 3), dtype=bool), border_value=1).astype(np.float32)
+    around = gaussian_filter(energy * seen, GUESS_REACH) / np.maximum(gaussian_filter(seen, GUESS_REACH), 1e-3)
+    return np.sqrt(np.where(known, gaussian_filter(energy, 1.0), around)).astype(np.float32)
 
 
 def _trust(
