@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from nerfmodal.field.backgrounds import ground_behind
+from nerfmodal.field.backgrounds import ground_behind, presumed_backgrounds
+from nerfmodal.field.beyond import shared_ground
+from nerfmodal.field.grid import GridField, empty_field
 from nerfmodal.field.views import views_of
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.geometry.rays import rig_directions
 from nerfmodal.spec import RigSpec
-from nerfmodal.types import Frame
+from nerfmodal.types import Frame, Rig
 
 HEIGHT = -0.2
 SIDE = 64
@@ -57,3 +59,45 @@ def test_a_camera_that_sees_nothing_borrows_everything(floor: Frame) -> None:
     off = np.concatenate([colors for _, colors in filled]).astype(float) - floor.images.reshape(-1, 3)[flat]
     assert (flat < SIDE * SIDE).all()
     assert np.median(np.abs(off)) < 3
+
+
+@pytest.fixture(scope="module")
+def fog() -> GridField:
+    """A field over the floor's middle of which nothing is known yet."""
+    return empty_field(np.full(3, -0.19), np.full(3, 0.21), 0.05, FLOOR, 9 * SIDE**2)
+
+
+def test_ground_is_shared_where_three_cameras_see_it(floor: Frame, fog: GridField) -> None:
+    views = views_of(floor)
+    shared = shared_ground(fog, views)
+    assert shared[:, SIDE // 2, SIDE // 2].all()  # all look there
+    assert not shared.all()
+    two = Frame(index=0, time=0.0, images=floor.images[:2], rig=Rig(cameras=floor.rig.cameras[:2]))
+    assert not shared_ground(fog, views_of(two)).any()
+
+
+def test_what_no_picture_shows_is_guessed_from_around(floor: Frame, fog: GridField) -> None:
+    """Every picture is plain, each in its own tone, and the structure is black: no camera knows another's background."""
+    tones = np.linspace(60, 220, 9).astype(np.uint8)[:, None, None, None]
+    images = np.broadcast_to(tones, floor.images.shape).copy()
+    images[:, 28:36, 28:36] = 0
+    views = views_of(Frame(index=0, time=0.0, images=images, rig=floor.rig))
+    nowhere = np.zeros(images.shape[:3], dtype=bool)
+    behind = presumed_backgrounds(fog, floor.rig, views, nowhere, foggy=False)
+    middle = behind[:, 30:34, 30:34].astype(int)
+    own = np.abs(middle - tones).max(axis=(1, 2, 3))
+    other = np.abs(middle[..., None] - tones.ravel()).min(axis=(1, 2, 3, 4))
+    assert (np.minimum(own, other) < 6).all()  # of its own picture, or what another shows of the place
+    assert (middle > 50).all()
+
+
+def test_fog_before_its_own_background_is_seen_through(floor: Frame, fog: GridField) -> None:
+    """Fog over a plain floor, which the field has learned: the pictures themselves are behind it."""
+    plain = np.full_like(floor.images, 128)
+    plain[:, ::2] = 132
+    views = views_of(Frame(index=0, time=0.0, images=plain, rig=floor.rig))
+    everywhere = np.ones(plain.shape[:3], dtype=bool)
+    hidden = presumed_backgrounds(fog, floor.rig, views, everywhere, foggy=False)
+    seen = presumed_backgrounds(fog, floor.rig, views, everywhere, foggy=True)
+    np.testing.assert_array_equal(seen, plain)
+    assert not np.array_equal(hidden, plain)
