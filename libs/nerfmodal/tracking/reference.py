@@ -24,7 +24,7 @@ OPAQUE = 0.3
 FAINT = 0.01
 SOLID = 0.95
 """A pixel is opaque when the field is more opaque than this there and all around."""
-MATTE_PRIOR = 0.1
+MATTE_PRIOR = 0.05
 """Squared difference of structure and background (of 1) from which on the picture decides the opacity."""
 COLOR_REACH = 2.0
 """Pixels over which the structure's colour is smoothed for it."""

@@ -77,7 +77,7 @@ def test_ground_is_shared_where_three_cameras_see_it(floor: Frame, fog: GridFiel
 
 
 def test_what_no_picture_shows_is_guessed_from_around(floor: Frame, fog: GridField) -> None:
-    """Every picture is plain, each in its own tone, and the structure is black: no camera knows another's background."""
+    """Every picture is plain, each in its own tone, and the structure is black."""
     tones = np.linspace(60, 220, 9).astype(np.uint8)[:, None, None, None]
     images = np.broadcast_to(tones, floor.images.shape).copy()
     images[:, 28:36, 28:36] = 0

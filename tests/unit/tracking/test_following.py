@@ -114,7 +114,7 @@ def test_a_reference_survives_a_checkpoint(reference: Reference) -> None:
 
 
 def test_opacities_that_are_wrong_do_not_hold_the_sheet_back() -> None:
-    """Its outline is taken for less opaque than it is, before a wall of strong contrast: what is solid tells the motion."""
+    """Its outline is taken for less opaque than it is, before a restless wall: what is solid tells the motion."""
     restless = Sheet(wall=1.2)
     given = reference_for(restless)
     faint = np.round(given.opacity * np.where(given.opacity < 250, 0.3, 1.0)).astype(np.uint8)
