@@ -25,6 +25,8 @@ FOG = 0.5
 ALIKE = 0.12
 """Fog is where a picture, smoothed by `BLUR` pixels, is nearer than this (of 1) to what is thought to be behind it."""
 BLUR = 1.5
+LOOKED_AT = 500_000
+"""Pixels in which fog is looked for while a field is trained."""
 PASSES = 2
 """Times that fog is looked for: each time more is known of what is behind the rest."""
 REACH = 3
@@ -59,7 +61,7 @@ def presumed_backgrounds(
     taken for it: the fog has nothing to explain any more, and clears. Before any training (`foggy` is false) there is
     nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`.
     """
-    step = math.ceil(math.sqrt(views.pixels / MOST_PIXELS))
+    step = math.ceil(math.sqrt(views.pixels / LOOKED_AT))
     left = _spread(remaining(field, views, step), step, views)
     clear, thin = _counting(left > CLEAR, views), _counting(left > FOG, views)
     behind = _behind(field, rig, views, clear, shared)

@@ -25,7 +25,7 @@ MOTION_SHARE = 0.1
 """Expected size of the displacement, in lengths of the organ, before a coarser level has said more."""
 LEAST_SHARE, DOUBT = 0.01, 4.0
 """The coarser level's root mean square times so much is the expected size, or at least this share of the length."""
-TUNING = 0.4
+TUNING = 0.6
 """A pixel whose difference, with its neighbours', is so many robust standard deviations has half its weight."""
 NEAR = 0.6
 """Pixels (of the level) over which differences are averaged to weigh a pixel: a hidden leaflet is more than one pixel,
@@ -38,7 +38,7 @@ RESTLESS = 0.05
 """Slope of the background (of 1 per pixel) behind a clear pixel from which on it is believed less."""
 VAGUE, SOLID = 0.8, 0.98
 """How wrong the opacity of a pixel may be that is not solid: behind it, too, a restless background tells nothing."""
-CLUSTER = 3.0
+CLUSTER = 2.25
 """Of wrong opacities and backgrounds, so many neighbours' are one error, besides what smoothing makes one."""
 PROBE = 1e-4
 """Metres by which a place is moved to see how its pixel moves."""

@@ -24,11 +24,11 @@ OPAQUE = 0.3
 FAINT = 0.01
 SOLID = 0.95
 """A pixel is opaque when the field is more opaque than this there and all around."""
-MATTE_PRIOR = 0.05
+MATTE_PRIOR = 0.1
 """Squared difference of structure and background (of 1) from which on the picture decides the opacity."""
 COLOR_REACH = 2.0
 """Pixels over which the structure's colour is smoothed for it."""
-REACH_SHARE = 0.13
+REACH_SHARE = 0.08
 """How far from its organ's pixels, in lengths of the organ's picture, a pixel may still show it once smoothed."""
 APART_SHARE = 0.06
 """Pixels nearer than this to another organ's are not believed: either may hide the other."""
