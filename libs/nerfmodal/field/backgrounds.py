@@ -62,8 +62,8 @@ def presumed_backgrounds(
     nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`.
     """
     step = math.ceil(math.sqrt(views.pixels / LOOKED_AT))
-    left = _spread(remaining(field, views, step), step, views)
-    clear, thin = _counting(left > CLEAR, views), _counting(left > FOG, views)
+    left = remaining(field, views, step)
+    clear, thin = (_counting(_spread(left > limit, step, views), views) for limit in (CLEAR, FOG))
     behind = _behind(field, rig, views, clear, shared)
     images = behind.images
     for _ in range(PASSES if foggy else 0):
@@ -85,10 +85,10 @@ def remaining(field: GridField, views: Views, step: int = 1) -> Float[np.ndarray
 
 
 def _spread(
-    coarse: Float[np.ndarray, "cameras rows columns"], step: int, views: Views
-) -> Float[np.ndarray, "cameras height width"]:
+    coarse: Bool[np.ndarray, "cameras rows columns"], step: int, views: Views
+) -> Bool[np.ndarray, "cameras height width"]:
     _, height, width = views.images.shape[:3]
-    return coarse if step == 1 else coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
+    return coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
 
 
 def _counting(
@@ -111,9 +111,11 @@ def _behind(
 ) -> Backgrounds:
     """The pictures where they are clear; else what another camera shows, what the field learned, or a guess."""
     images, known = views.images.copy(), clear.copy()
-    hidden = np.flatnonzero(~clear)
-    _, _, learned, _, _ = render(field, views, pixels_at(hidden, clear.shape), behind=True)
-    images.reshape(-1, 3)[hidden] = np.round(np.clip(learned, 0, 1) * 255)
+    for camera, image in enumerate(images):
+        hidden = ~clear[camera]
+        pixels = views.pixels_of(camera)[hidden.reshape(-1)]
+        _, _, learned, _, _ = render(field, views, pixels, behind=True)
+        image[hidden] = np.round(np.clip(learned, 0, 1) * 255)
     if shared is not None:
         for flat, colors in ground_behind(field.ground, rig, views, _within(clear)):
             images.reshape(-1, 3)[flat], known.reshape(-1)[flat] = colors, True
@@ -153,12 +155,23 @@ def ground_behind(
     ground: Ground, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"]
 ) -> Iterator[tuple[Int[np.ndarray, " pixels"], UInt8[np.ndarray, "pixels 3"]]]:
     """Of each camera, the pixels that do not see the ground clearly while another camera does, and what that shows."""
-    hidden = np.flatnonzero(~clear)
-    pixels = pixels_at(hidden, clear.shape)
-    directions = directions_of(views, pixels)
-    falls = slants(ground, directions) < FLAT
-    hidden, pixels, directions = hidden[falls], pixels[falls], directions[falls]
-    points = on_ground(ground, views.poses[pixels[:, 0], :3, 3], directions)
+    each = clear[0].size
+    together = max(MOST_PIXELS // each, 1)  # cameras at once: neither a spline for each pair, nor all pixels in memory
+    for first in range(0, len(clear), together):
+        hidden = first * each + np.flatnonzero(~clear[first : first + together])
+        pixels = pixels_at(hidden, clear.shape)
+        directions = directions_of(views, pixels)
+        falls = slants(ground, directions) < FLAT
+        hidden, pixels, directions = hidden[falls], pixels[falls], directions[falls]
+        points = on_ground(ground, views.poses[pixels[:, 0], :3, 3], directions)
+        for number, mine, places in _closest(rig, points, clear):
+            yield hidden[mine], _read(views.images[number], places)
+
+
+def _closest(
+    rig: Rig, points: Float[np.ndarray, "points 3"], clear: Bool[np.ndarray, "cameras height width"]
+) -> Iterator[tuple[int, Bool[np.ndarray, " points"], Float[np.ndarray, "mine 2"]]]:
+    """The cameras that see places of the ground clearly: of each the points that it sees most closely, and where."""
     closest, nearness, places = np.full(len(points), -1), np.zeros(len(points)), np.empty((len(points), 2))
     for number, camera in enumerate(rig.cameras):
         shown, seen = _seen(camera, points, clear[number])
@@ -167,7 +180,7 @@ def ground_behind(
         closest[better], nearness[better], places[better] = number, nearer[better], shown[better]
     for number in np.unique(closest[closest >= 0]):
         mine = closest == number
-        yield hidden[mine], _read(views.images[number], places[mine])
+        yield int(number), mine, places[mine]
 
 
 def _nearness(camera: Camera, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:

@@ -105,17 +105,14 @@ def fit(
         level, field, seen, silhouettes = _restored(kept, views, rng, course)
         field, draw = _next_level(field, seen, views, schedule, rng, level)
         level += 1
-    plain: UInt8[np.ndarray, "cameras height width 3"] | None
     while True:
         if silhouettes is not None:
             hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.tell)
             field = restricted(field, hull)
             if level == 0:
                 draw = _focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
-            plain = presumed_backgrounds(field, frame.rig, views, silhouettes.tell, foggy=level > 0)
-        else:
-            plain = mean_colors(views) if level == 0 else None
         until = _iterations_until(level, schedule.iterations)
+        plain = _stand_ins(field, frame, views, silhouettes, level)
         seen = train(
             field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
         )
@@ -152,6 +149,15 @@ def _learn_beyond(
     count = round(BEYOND * schedule.iterations)
     train(clear, views, None, draw, count, rng, course, rates=BEYOND_RATES, limit=BEYOND_LIMIT)
     return unexplained(clear, views)
+
+
+def _stand_ins(
+    field: GridField, frame: Frame, views: Views, silhouettes: Silhouettes | None, level: int
+) -> UInt8[np.ndarray, "cameras height width 3"] | None:
+    """Pictures of what is behind the region while a level is trained; None where that is trained too."""
+    if silhouettes is None:
+        return mean_colors(views) if level == 0 else None
+    return presumed_backgrounds(field, frame.rig, views, silhouettes.tell, foggy=level > 0)
 
 
 def mean_colors(views: Views) -> UInt8[np.ndarray, "cameras height width 3"]:
@@ -208,7 +214,7 @@ def _restored(
     level, done, loss = kept["at"]
     course.go_on(int(done), float(loss))
     silhouettes = None
-    if "missed" in kept:
+    if "tell" in kept:
         shape = views.images.shape[:3]
         missed, tell = (
             np.unpackbits(kept[name], count=views.pixels).astype(bool).reshape(shape) for name in ("missed", "tell")
