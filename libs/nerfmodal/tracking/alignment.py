@@ -34,12 +34,8 @@ DARKEST = 1e-3
 STEPS = 6
 SETTLED_PIXELS = 0.02
 """The search on a level ends when its steps move the organ's pixels by less than this, times the level's factor."""
-RESTLESS = 0.05
-"""Slope of the background (of 1 per pixel) behind a clear pixel from which on it is believed less."""
-VAGUE, SOLID = 0.8, 0.98
-"""How wrong the opacity of a pixel may be that is not solid: behind it, too, a restless background tells nothing."""
-CLUSTER = 2.25
-"""Of wrong opacities and backgrounds, so many neighbours' are one error, besides what smoothing makes one."""
+RESTLESS = 0.06
+"""Slope of the background (of 1 per pixel) behind a half transparent pixel from which on it is believed less."""
 PROBE = 1e-4
 """Metres by which a place is moved to see how its pixel moves."""
 
@@ -173,10 +169,9 @@ class _Problem:
         self.light = np.ascontiguousarray(bright.at(pixels.points))
         self.dofs = 3 * self.basis.shape[1]
         self.size = self.dofs + 3 * self.light.shape[1]
-        clear = np.hypot(1 - opacity, np.where(opacity < SOLID, VAGUE, 0.0))
-        self.weights = pixels.trust / (1 + (pixels.unrest * clear / RESTLESS) ** 2)
+        self.weights = pixels.trust / (1 + (pixels.unrest * (1 - opacity) / RESTLESS) ** 2)
         sigma = template.sigma / template.factor
-        self.overlap = 3 * CLUSTER * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
+        self.overlap = 3 * (1 + 4 * np.pi * sigma**2)  # pixels and channels whose errors are one error
         self.vicinity = _Vicinity(pixels.camera, rows, columns)
         self._slopes: np.ndarray | None = None
 

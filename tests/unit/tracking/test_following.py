@@ -111,15 +111,3 @@ def test_a_reference_survives_a_checkpoint(reference: Reference) -> None:
     assert again.organs == reference.organs
     for name in ("flat", "organ", "points", "trust", "unrest", "opacity", "cloud", "colors", "owner"):
         np.testing.assert_array_equal(getattr(again, name), getattr(reference, name))
-
-
-def test_opacities_that_are_wrong_do_not_hold_the_sheet_back() -> None:
-    """Its outline is taken for less opaque than it is, before a restless wall: what is solid tells the motion."""
-    restless = Sheet(wall=1.2)
-    given = reference_for(restless)
-    faint = np.round(given.opacity * np.where(given.opacity < 250, 0.3, 1.0)).astype(np.uint8)
-    found = follow(
-        replace(given, opacity=faint), restless.backgrounds(), restless.frame(0), restless.frame(1, slightly_rigid)
-    )
-    error = found.points - given.cloud - slightly_rigid(given.cloud)
-    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.006 * FOOTPRINT
