@@ -63,7 +63,7 @@ def presumed_backgrounds(
     """
     step = math.ceil(math.sqrt(views.pixels / LOOKED_AT))
     left = remaining(field, views, step)
-    clear, thin = (_counting(_spread(left > limit, step, views), views) for limit in (CLEAR, FOG))
+    clear, thin = (_counting(spread(left > limit, step, views), views) for limit in (CLEAR, FOG))
     behind = _behind(field, rig, views, clear, shared)
     images = behind.images
     for _ in range(PASSES if foggy else 0):
@@ -84,9 +84,10 @@ def remaining(field: GridField, views: Views, step: int = 1) -> Float[np.ndarray
     return left
 
 
-def _spread(
+def spread(
     coarse: Bool[np.ndarray, "cameras rows columns"], step: int, views: Views
 ) -> Bool[np.ndarray, "cameras height width"]:
+    """What was said of every `step`-th pixel, said of all pixels."""
     _, height, width = views.images.shape[:3]
     return coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
 

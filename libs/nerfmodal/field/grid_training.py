@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
-from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, still_backgrounds
+from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, spread, still_backgrounds
 from nerfmodal.field.beyond import Ground, lay_ground, shared_ground
 from nerfmodal.field.bricks import (
     BLOCKS,
@@ -249,10 +249,8 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
 
 def plant_pixels(field: GridField, views: Views) -> Bool[np.ndarray, "cameras height width"]:
     """The pixels that see something in the region, or lie beside one that does."""
-    _, height, width = views.images.shape[:3]
     opaque = remaining(field, views, COARSE) < 1 - FAINT
-    grown = np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque])
-    return grown.repeat(COARSE, axis=1).repeat(COARSE, axis=2)[:, :height, :width]
+    return spread(np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque]), COARSE, views)
 
 
 def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:
