@@ -125,7 +125,7 @@ def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, 
 def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels):
     rows = np.empty((marching.MAX_SAMPLES, 8), np.int32)
     weights = np.empty((marching.MAX_SAMPLES, 8), np.float32)
-    samples = np.empty((marching.MAX_SAMPLES, 8), np.float64)
+    samples, lanes = np.empty((marching.MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
     total = 0
     for index in range(len(pixels)):
         camera, row, column = pixels[index]
@@ -133,7 +133,7 @@ def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels):
         x, y, z = poses[camera, 0, 3] - low[0], poses[camera, 1, 3] - low[1], poses[camera, 2, 3] - low[2]
         n, _, _ = marching.march_inner(
             slots, masks, values, half, voxel, x / voxel, y / voxel, z / voxel, dx, dy, dz, nears[camera] / voxel,
-            grid.STEP, 0.5, rows, weights, samples,
+            grid.STEP, 0.5, rows, weights, samples, lanes,
         )  # fmt: skip
         total += n
     return total

@@ -10,7 +10,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt64
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, distance_transform_cdt
 
 from nerfmodal.field.marching import EMPTY_RAW, ROWS_PER_BRICK, softplus
 
@@ -22,7 +22,11 @@ Occupancy = Bool[np.ndarray, "_ _ _"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bricks:
-    """A sparse grid: `low` is the first vertex (metres), `slots` the number of each brick or -1."""
+    """A sparse grid: `low` is the first vertex (metres), `slots` the number of each brick.
+
+    A brick without vertices has minus its distance, in bricks and diagonally, to the nearest that has some: as far as
+    that a ray meets nothing. (-1 always holds.)
+    """
 
     low: Float[np.ndarray, " 3"]
     voxel: float
@@ -47,9 +51,16 @@ def allocate(low: np.ndarray, voxel: float, occupied: Occupancy) -> Bricks:
     grouped = occupied.reshape(shape[0], BLOCKS, shape[1], BLOCKS, shape[2], BLOCKS).transpose(0, 2, 4, 1, 3, 5)
     bits = grouped.reshape(-1, BLOCKS**3)
     used = bits.any(axis=1)
-    slots = np.full(len(used), -1, dtype=np.int32)
+    slots = -_distances(used.reshape(shape)).reshape(-1)
     slots[used] = np.arange(used.sum())
     return Bricks(low=low, voxel=voxel, slots=slots.reshape(shape), masks=pack(bits[used]))
+
+
+def _distances(used: Occupancy) -> Int[np.ndarray, "x y z"]:
+    """Of each brick to the nearest that is used, one between neighbours, also diagonal ones."""
+    if not used.any():
+        return np.ones(used.shape, dtype=np.int32)
+    return np.asarray(distance_transform_cdt(~used, "chessboard"), dtype=np.int32)
 
 
 def pack(bits: Bool[np.ndarray, "bricks 64"]) -> UInt64[np.ndarray, " bricks"]:

@@ -99,8 +99,7 @@ class Optimiser:
     def __init__(self, rows: int, blocks: int) -> None:
         self.gradients = np.zeros((kernels.CHUNKS, rows, 4), np.float32)
         self.touched = np.zeros((kernels.CHUNKS, rows // kernels.LINE), np.uint8)
-        self.first = np.zeros((rows, 4), np.float32)
-        self.second = np.zeros((rows, 4), np.float32)
+        self.moments = np.zeros((rows // kernels.LINE, 2 * kernels.LANES), np.float32)
         self.seen = np.zeros((kernels.CHUNKS, blocks), np.float32)
         self.steps = 0
 
@@ -214,8 +213,7 @@ def train(
             field.values,
             optimiser.gradients,
             optimiser.touched,
-            optimiser.first,
-            optimiser.second,
+            optimiser.moments,
             where,
             field.bricks.rows,
             optimiser.steps,

@@ -49,7 +49,7 @@ class Place:
     def __init__(self, field: GridField, device: torch.device) -> None:
         self.field = field
         self.device = device
-        self.slots = torch.from_numpy(field.bricks.slots).to(device, torch.long)
+        self.slots = torch.from_numpy(field.bricks.slots.clip(min=-1)).to(device, torch.long)
         self.masks = torch.from_numpy(field.bricks.masks.view(np.int64)).to(device)
         self.outer = torch.from_numpy(field.outer).to(device, torch.long)
         self.base = len(field.bricks.masks) * ROWS_PER_BRICK

@@ -18,6 +18,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 
+from nerfmodal.field import marching
 from nerfmodal.field.marching import CORNERS, MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
 
 numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when it is too old
@@ -25,6 +26,7 @@ numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when
 CHUNKS = 2
 LINE = 8
 """Vertices along a brick's z: what the optimiser visits at once, 128 bytes of each of its arrays."""
+LANES = 4 * LINE
 CLEAR = 0.98
 """A ray that keeps more than this of its light sees the ground or the sky, and only such rays teach it: they would
 else learn, for each camera, the picture of whatever stands before them, and leave that half transparent."""
@@ -32,71 +34,62 @@ FAINTEST = 1e-3
 """A ray less opaque than this meets nothing."""
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def block_bit(local):
     """Which block of its brick a vertex begins."""
     return (((local >> 6) >> 1) << 4) | ((((local >> 3) & 7) >> 1) << 2) | ((local & 7) >> 1)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def mark_seen(rows, samples, n, seen):
     """Keep the largest weight of a sample in each block."""
     for index in range(n):
         row = rows[index, 0]
         block = (row // ROWS_PER_BRICK) * 64 + block_bit(row % ROWS_PER_BRICK)
-        seen[block] = max(seen[block], np.float32(samples[index, 7]))
+        seen[block] = max(seen[block], samples[index, 7])
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def gather_pulls(samples, n, strength, pulls):
     """Derivative of the ray's distortion (Barron et al. 2022, eq 15) by each weight: it pulls the weights together.
 
     strength * (sum_ij w_i w_j |t_i - t_j| + sum_i w_i^2 delta_i / 3), in one pass each way instead of over all pairs.
     """
-    weight, moment = 0.0, 0.0
+    two, start = np.float32(2), samples[0, 0]
+    weight, moment = np.float32(0), np.float32(0)
     for index in range(n):
-        t, w = samples[index, 0], samples[index, 7]
-        pulls[index] = 2.0 * (t * weight - moment) + 2.0 / 3.0 * w * samples[index, 1]
+        t, w = samples[index, 0] - start, samples[index, 7]
+        pulls[index] = two * (t * weight - moment) + two / np.float32(3) * w * samples[index, 1]
         weight += w
         moment += w * t
-    weight, moment = 0.0, 0.0
+    weight, moment = np.float32(0), np.float32(0)
     for index in range(n - 1, -1, -1):
-        t, w = samples[index, 0], samples[index, 7]
-        pulls[index] = strength * (pulls[index] + 2.0 * (moment - t * weight))
+        t, w = samples[index, 0] - start, samples[index, 7]
+        pulls[index] = np.float32(strength) * (pulls[index] + two * (moment - t * weight))
         weight += w
         moment += w * t
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def backward(rows, weights, samples, n, tail, error, pulls, decay, gradient, touched):
     """Scatter the loss's derivative of one ray; `tail` is T_end times the background, `error` dL/dC.
 
     `pulls` is what else each weight is pulled by (dL/dw).
     """
-    behind0, behind1, behind2, behind = tail[0], tail[1], tail[2], 0.0
+    behind = error[0] * tail[0] + error[1] * tail[1] + error[2] * tail[2]
+    pull = np.float32(decay)
     for index in range(n - 1, -1, -1):
-        delta, before, raw, weight = samples[index, 1], samples[index, 2], samples[index, 3], samples[index, 7]
-        red, green, blue = samples[index, 4], samples[index, 5], samples[index, 6]
+        delta, before, weight = samples[index, 1], samples[index, 2], samples[index, 7]
         after = before - weight
-        slope = delta * (  # dC/dsigma_i = delta (T_(i+1) c_i - everything behind)
-            error[0] * (after * red - behind0)
-            + error[1] * (after * green - behind1)
-            + error[2] * (after * blue - behind2)
-            + after * pulls[index]
-            - behind
-        )
-        e = math.exp(min(raw, 30.0))
-        sigmoid = e / (1.0 + e)  # derivative of the softplus
-        g_raw = np.float32((slope + decay * delta) * sigmoid)
-        g_red, g_green, g_blue = (
-            np.float32(error[0] * weight),
-            np.float32(error[1] * weight),
-            np.float32(error[2] * weight),
-        )
+        own = error[0] * samples[index, 4] + error[1] * samples[index, 5] + error[2] * samples[index, 6] + pulls[index]
+        slope = delta * (after * own - behind)  # dC/dsigma_i = delta (T_(i+1) c_i - everything behind)
+        behind += weight * own
+        g_raw = (slope + pull * delta) * samples[index, 3]
+        g_red, g_green, g_blue = error[0] * weight, error[1] * weight, error[2] * weight
         first = rows[index, 0]
         if first >= 0 and rows[index, 7] - first == CORNERS[7]:  # all in one brick, on four of its lines
             for corner in range(8):
@@ -116,13 +109,9 @@ def backward(rows, weights, samples, n, tail, error, pulls, decay, gradient, tou
                     gradient[row, 2] += w * g_green
                     gradient[row, 3] += w * g_blue
                     touched[row // LINE] = 1
-        behind0 += weight * red
-        behind1 += weight * green
-        behind2 += weight * blue
-        behind += weight * pulls[index]
 
 
-@numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy", parallel=True, nogil=True)
 @no_type_check
 def train_batch(
     bricks,
@@ -164,8 +153,9 @@ def train_batch(
     for chunk in numba.prange(CHUNKS):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
         weights = np.empty((MAX_SAMPLES, 8), np.float32)
-        samples = np.empty((MAX_SAMPLES, 8), np.float64)
-        tail, error, pulls = np.zeros(3), np.zeros(3), np.zeros(MAX_SAMPLES)
+        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
+        tail, error, pulls = np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(MAX_SAMPLES, np.float32)
+        loss = 0.0
         for index in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
             camera, row, column = pixels[index, 0], pixels[index, 1], pixels[index, 2]
             dx, dy, dz = ray_of(table, poses, camera, row, column, cell)
@@ -188,6 +178,7 @@ def train_batch(
                 rows,
                 weights,
                 samples,
+                lanes,
             )
             mark_seen(rows, samples, n, seen[chunk])
             gather_pulls(samples, n, distortion, pulls)
@@ -226,38 +217,62 @@ def train_batch(
                 for sample in range(n):
                     color += samples[sample, 7] * samples[sample, 4 + channel]  # eq 3
                 difference = color - images[camera, row, column, channel] / 255.0
-                losses[chunk] += difference * difference  # eq 9
+                loss += difference * difference  # eq 9
                 error[channel] = 2.0 * min(max(difference, -limit), limit)
             backward(rows, weights, samples, n, tail, error, pulls, decay, gradients[chunk], touched[chunk])
+        losses[chunk] = loss
     return losses.sum() / (3 * count)
 
 
-@numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy", parallel=True, nogil=True)
 @no_type_check
-def adam(values, gradients, touched, first, second, trainable, base, step, rates):
+def adam(values, gradients, touched, moments, trainable, base, step, rates):
     """Adam (Kingma and Ba 2015) on the vertices that the batch touched; clears gradients and marks.
 
     Inner vertices move only where their block's bit of `trainable` is set; `rates` are (density, colour). Only lines
     with a touched vertex are visited: most of a batch's time would else be spent on what no ray has met.
+    `moments` holds the first ones of a line, then the second.
     """
     scale = np.float32(1.0 / math.sqrt(1.0 - 0.99**step))
-    correct = np.float32(1.0 / (1.0 - 0.9**step))
-    speeds = np.empty(2 * 4, np.float32)
-    for lane in range(8):
-        speeds[lane] = correct * (rates[0] if lane % 4 == 0 else rates[1])
+    speeds = speeds_of(rates, 1.0 / (1.0 - 0.9**step))
     lines = values.shape[0] // LINE
+    lanes, sums = values.reshape(lines, LANES), gradients.reshape(CHUNKS, lines, LANES)
     for part in numba.prange(64):
         for line in range(part * lines // 64, (part + 1) * lines // 64):
-            hit = np.uint8(0)
+            found = -1
             for chunk in range(CHUNKS):
-                hit |= touched[chunk, line]
-            if hit != 0:
-                for chunk in range(CHUNKS):
+                if touched[chunk, line] != 0:
                     touched[chunk, line] = 0
-                adam_line(line, values, gradients, first, second, pairs_of(trainable, line, base), scale, speeds)
+                    if found < 0:
+                        found = chunk
+                    else:
+                        move(sums[chunk, line], sums[found, line])
+            if found >= 0:
+                adam_line(lanes[line], sums[found, line], moments[line], speeds[pairs_of(trainable, line, base)], scale)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def speeds_of(rates, correct):
+    """How fast each number of a line learns, for every choice of pairs of vertices that may move."""
+    speeds = np.zeros((16, LANES), np.float32)
+    for pairs in range(16):
+        for lane in range(LANES):
+            if pairs >> (lane >> 3) & 1:
+                speeds[pairs, lane] = correct * (rates[0] if lane % 4 == 0 else rates[1])
+    return speeds
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def move(source, target):
+    """Add one chunk's gradients of a line to another's."""
+    for lane in range(LANES):
+        target[lane] += source[lane]
+        source[lane] = np.float32(0)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def pairs_of(trainable, line, base):
     """Which of a line's four pairs of vertices may move, as bits; a pair belongs to one block."""
@@ -268,26 +283,23 @@ def pairs_of(trainable, line, base):
     return (trainable[line // (ROWS_PER_BRICK // LINE)] >> np.uint64(bit)) & np.uint64(15)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def adam_line(line, values, gradients, first, second, pairs, scale, speeds):
-    """One step of Adam on a line's vertices; a pair of vertices is eight numbers, one vector of the processor."""
-    for pair in range(4):
-        moves = (pairs >> np.uint64(pair)) & np.uint64(1) != 0
-        for lane in range(8):
-            row, channel = line * LINE + 2 * pair + (lane >> 2), lane & 3
-            total = np.float32(0)
-            for chunk in range(CHUNKS):
-                total += gradients[chunk, row, channel]
-                gradients[chunk, row, channel] = 0
-            if moves and total != 0:
-                m = np.float32(0.9) * first[row, channel] + np.float32(0.1) * total
-                v = np.float32(0.99) * second[row, channel] + np.float32(0.01) * total * total
-                first[row, channel], second[row, channel] = m, v
-                values[row, channel] -= speeds[lane] * m / (math.sqrt(v) * scale + np.float32(1e-10))
+def adam_line(values, gradients, moments, speeds, scale):
+    """One step of Adam on a line's numbers; without a branch, so that a processor takes eight of them at once."""
+    for lane in range(LANES):
+        gradient = gradients[lane]
+        gradients[lane] = np.float32(0)
+        m = np.float32(0.9) * moments[lane] + np.float32(0.1) * gradient
+        v = np.float32(0.99) * moments[LANES + lane] + np.float32(0.01) * gradient * gradient
+        met = gradient != 0
+        moments[lane] = m if met else moments[lane]
+        moments[LANES + lane] = v if met else moments[LANES + lane]
+        step = speeds[lane] * m / (math.sqrt(v) * scale + np.float32(1e-10))
+        values[lane] -= step if met else np.float32(0)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def crossing(samples, n, target):
     """Where the accumulated weight of a ray's samples passes `target`, voxels."""
@@ -300,7 +312,7 @@ def crossing(samples, n, target):
     return 0.0
 
 
-@numba.njit(cache=True, fastmath=True, parallel=True, nogil=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy", parallel=True, nogil=True)
 @no_type_check
 def render_pixels(
     bricks, masks, outer, values, low, voxel, half, ground, sides, table, cell, poses, nears, use_outer, pixels, step
@@ -320,7 +332,7 @@ def render_pixels(
     for chunk in numba.prange(64):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
         weights = np.empty((MAX_SAMPLES, 8), np.float32)
-        samples = np.empty((MAX_SAMPLES, 8), np.float64)
+        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
         for index in range(chunk * count // 64, (chunk + 1) * count // 64):
             camera, row, column = pixels[index, 0], pixels[index, 1], pixels[index, 2]
             dx, dy, dz = ray_of(table, poses, camera, row, column, cell)
@@ -343,6 +355,7 @@ def render_pixels(
                 rows,
                 weights,
                 samples,
+                lanes,
             )
             left[index] = transmittance
             for sample in range(n):

@@ -14,18 +14,25 @@ ROWS_PER_BRICK = 512
 CORNERS = (0, 1, 8, 9, 64, 65, 72, 73)
 """Rows of a cell's corners within one brick, from its first."""
 EMPTY_RAW = np.float32(-6.0)
+LANES = 16
+"""Samples of a ray whose opacities are found together; a part of `MAX_SAMPLES`."""
+LIMIT = 30.0
+"""Raw densities beyond it are as good as it."""
+PER_LOG_2 = 1.4426950408889634
+ROOT_HALF = 0x3F3504F3
+"""The bits of the root of 1/2."""
 OPAQUE = 1e-3
 """A ray ends when its transmittance falls below this."""
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def softplus(raw):
     """log(1 + exp(raw)), without overflow."""
     return raw if raw > 15.0 else math.log(1.0 + math.exp(raw))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def ray_of(table, poses, camera, row, column, cell):
     """Unit world direction through a pixel's centre, from the table of undistorted image points every `cell` pixels."""
@@ -48,7 +55,7 @@ def ray_of(table, poses, camera, row, column, cell):
     )
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
     """Where a ray enters and leaves the box (0, 0, 0)-(sx, sy, sz); a miss has near >= far."""
@@ -63,45 +70,47 @@ def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
     return near, far
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def inverse(d):
     """1 / d, finite for a ray that runs along a face."""
     return 1.0 / d if abs(d) > 1e-9 else math.copysign(1e9, d)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def to_exit(x, y, z, i, j, k, ix, iy, iz, size):
+def to_exit(x, y, z, i, j, k, ix, iy, iz, size, around):
     """Distance to the far side of the aligned cube of `size` (a power of two) cells around cell (i, j, k).
 
-    (ix, iy, iz) is the inverse of the ray's direction.
+    The cube is `around` cells larger on every side. (ix, iy, iz) is the inverse of the ray's direction.
     """
-    low = ~(size - 1)
-    distance = ((i & low) + (size if ix > 0 else 0) - x) * ix
-    distance = min(distance, ((j & low) + (size if iy > 0 else 0) - y) * iy)
-    distance = min(distance, ((k & low) + (size if iz > 0 else 0) - z) * iz)
+    low, ahead = ~(size - 1), size + around
+    distance = ((i & low) + (ahead if ix > 0 else -around) - x) * ix
+    distance = min(distance, ((j & low) + (ahead if iy > 0 else -around) - y) * iy)
+    distance = min(distance, ((k & low) + (ahead if iz > 0 else -around) - z) * iz)
     return max(distance, 0.0)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
-    """Interpolate at a point: keep its eight corners' rows and weights; raw density and colour in `samples[n, 3:7]`."""
+    """Interpolate at a point: keep its eight corners' rows and weights, and the colour; return the raw density.
+
+    Where all corners lie in one brick, as two cells in three have them, only the first and the last row are kept.
+    """
     i, j, k = int(x), int(y), int(z)
-    a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
-    raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     one = np.float32(1)
-    for corner in range(8):
-        weights[n, corner] = (
-            (a if corner & 4 else one - a) * (b if corner & 2 else one - b) * (c if corner & 1 else one - c)
-        )
+    a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
+    front, back = one - a, a
+    for pair, w in enumerate((front * (one - b), front * b, back * (one - b), back * b)):
+        weights[n, 2 * pair], weights[n, 2 * pair + 1] = w * (one - c), w * c
+    raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     own = bricks[i >> 3, j >> 3, k >> 3]
-    if own >= 0 and (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:  # two cells in three have all corners in one brick
+    if own >= 0 and (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:
         first = base + own * ROWS_PER_BRICK + (((i & 7) << 6) | ((j & 7) << 3) | (k & 7))
+        rows[n, 0], rows[n, 7] = first, first + CORNERS[7]
         for corner in range(8):
             row, w = first + CORNERS[corner], weights[n, corner]
-            rows[n, corner] = row
             raw += w * values[row, 0]
             red += w * values[row, 1]
             green += w * values[row, 2]
@@ -120,63 +129,127 @@ def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
                 red += w * values[row, 1]
                 green += w * values[row, 2]
                 blue += w * values[row, 3]
-    samples[n, 3] = raw
     samples[n, 4] = red
     samples[n, 5] = green
     samples[n, 6] = blue
+    return raw
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def keep_sample(samples, n, t, delta, transmittance):
-    """Composite sample n (eq 3): `samples[n]` = t, delta, T_i, raw, rgb, weight. Returns the new transmittance."""
-    opacity = 1.0 - math.exp(-softplus(samples[n, 3]) * delta)  # eq 3: alpha_i
+def exp2(x):
+    """2^x in single precision, for -126 < x < 127; a polynomial, so that a processor takes eight at once."""
+    whole = np.floor(x + np.float32(0.5))
+    f = x - whole  # in -0.5..0.5
+    p = np.float32(0.00961813) + f * (np.float32(0.00133336) + f * np.float32(0.00015404))
+    p = np.float32(0.24022651) + f * (np.float32(0.05550411) + f * p)
+    p = np.float32(1) + f * (np.float32(0.6931472) + f * p)
+    return p * np.int32((np.int32(whole) + 127) << 23).view(np.float32)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def log2(x):
+    """Logarithm to the base 2 in single precision, for normal x > 0; without a branch, as `exp2`."""
+    bits = np.float32(x).view(np.int32)
+    whole = np.int32(np.int32(bits - ROOT_HALF) >> 23)
+    m = np.int32(bits - np.int32(whole << 23)).view(np.float32)  # between the roots of 1/2 and 2
+    s = (m - np.float32(1)) / (m + np.float32(1))
+    q = s * s
+    p = np.float32(0.96179669) + q * (np.float32(0.57707802) + q * np.float32(0.41219858))
+    return np.float32(whole) + s * (np.float32(2.88539008) + q * p)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def activate(raw, delta):
+    """Opacity of a sample of length `delta` (eq 3), and the derivative of its density by its raw density.
+
+    1 - exp(-softplus(raw) delta) = 1 - (1 + exp(raw))^-delta; the softplus has the sigmoid for its derivative.
+    """
+    raw = raw if raw > np.float32(-LIMIT) else np.float32(-LIMIT)
+    raw = raw if raw < np.float32(LIMIT) else np.float32(LIMIT)
+    e, one = exp2(raw * np.float32(PER_LOG_2)), np.float32(1)
+    thickness = log2(one + e) * delta
+    thickness = thickness if thickness < np.float32(125) else np.float32(125)
+    return one - exp2(-thickness), e / (one + e)  # eq 3: alpha_i
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def activate_all(lanes, delta):
+    """`activate` what is in the first of three rows; opacities to the second, derivatives to the third.
+
+    Of a loop whose length it knew the compiler would make a long row of single steps.
+    """
+    for lane in range(lanes.shape[1]):
+        lanes[1, lane], lanes[2, lane] = activate(lanes[0, lane], delta)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def keep_sample(samples, n, t, delta, opacity, slope, transmittance):
+    """Composite sample n (eq 3): `samples[n]` = t, delta, T_i, dsigma/draw, rgb, weight. Returns the transmittance."""
     samples[n, 0] = t
     samples[n, 1] = delta
     samples[n, 2] = transmittance
+    samples[n, 3] = slope
     samples[n, 7] = transmittance * opacity  # eq 8: w_i
-    return transmittance * (1.0 - opacity)  # eq 3: T_(i+1)
+    return transmittance * (np.float32(1) - opacity)  # eq 3: T_(i+1)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def march_inner(
-    bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, nearest, step, jitter, rows, weights, samples
+    bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, nearest, step, jitter, rows, weights, samples, lanes
 ):
-    """Samples of one ray inside the region, from `nearest` on. Returns how many, the transmittance left, the exit."""
+    """Samples of one ray inside the region, from `nearest` on. Returns how many, the transmittance left, the exit.
+
+    Some are looked up before it is known whether light gets as far: so their opacities are found together.
+    """
     nx, ny, nz = 2.0 * half[0] / voxel, 2.0 * half[1] / voxel, 2.0 * half[2] / voxel
     near, far = box_span(ox, oy, oz, dx, dy, dz, nx, ny, nz)
     near = max(near, nearest)
-    n, transmittance = 0, 1.0
+    n, transmittance, delta = 0, np.float32(1), np.float32(step)
     ix, iy, iz = inverse(dx), inverse(dy), inverse(dz)
     per_step = 1.0 / step
     t = near + jitter * step
-    while t < far and n < MAX_SAMPLES:
-        x = min(max(ox + dx * t, 0.0), nx - 1e-3)
-        y = min(max(oy + dy * t, 0.0), ny - 1e-3)
-        z = min(max(oz + dz * t, 0.0), nz - 1e-3)
-        i, j, k = int(x), int(y), int(z)
-        slot = bricks[i >> 3, j >> 3, k >> 3]
-        size = 0
-        if slot < 0:
-            size = 8
-        else:
-            bit = (((i & 7) >> 1) << 4) | (((j & 7) >> 1) << 2) | ((k & 7) >> 1)
-            if (masks[slot] >> np.uint64(bit)) & np.uint64(1) == 0:
-                size = 2
-        if size > 0:
-            t += (int(to_exit(x, y, z, i, j, k, ix, iy, iz, size) * per_step) + 1) * step
-            continue
-        gather(bricks, 0, values, x, y, z, rows, weights, samples, n)
-        transmittance = keep_sample(samples, n, t, step, transmittance)
-        n += 1
-        if transmittance < OPAQUE:
-            break
-        t += step
+    while t < far and n < MAX_SAMPLES and transmittance >= OPAQUE:
+        begin = n
+        while t < far and n < begin + LANES:
+            x = min(max(ox + dx * t, 0.0), nx - 1e-3)
+            y = min(max(oy + dy * t, 0.0), ny - 1e-3)
+            z = min(max(oz + dz * t, 0.0), nz - 1e-3)
+            i, j, k = int(x), int(y), int(z)
+            slot = bricks[i >> 3, j >> 3, k >> 3]
+            size, around = 0, 0
+            if slot < 0:
+                size, around = 8, -8 * (slot + 1)
+            else:
+                mask = masks[slot]
+                bit = (((i & 7) >> 1) << 4) | (((j & 7) >> 1) << 2) | ((k & 7) >> 1)
+                if mask == 0:
+                    size = 8
+                elif (mask >> np.uint64(bit)) & np.uint64(1) == 0:
+                    size = 2
+            if size > 0:
+                t += (int(to_exit(x, y, z, i, j, k, ix, iy, iz, size, around) * per_step) + 1) * step
+                continue
+            lanes[0, n - begin] = gather(bricks, 0, values, x, y, z, rows, weights, samples, n)
+            samples[n, 0] = t
+            n += 1
+            t += step
+        activate_all(lanes, delta)
+        found, n = n, begin
+        while n < found and transmittance >= OPAQUE:
+            lane = n - begin
+            opacity, slope = lanes[1, lane], lanes[2, lane]
+            transmittance = keep_sample(samples, n, samples[n, 0], delta, opacity, slope, transmittance)
+            n += 1
     return n, transmittance, far
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def march_outer(
     bricks, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, transmittance
@@ -198,7 +271,7 @@ def march_outer(
             first = False
             continue
         shrink = (2.0 - 1.0 / r) / r  # contraction of mip-NeRF 360, in the largest norm
-        gather(
+        raw = gather(
             bricks,
             base,
             values,
@@ -211,7 +284,9 @@ def march_outer(
             n,
         )
         last = r > 60.0 or n == MAX_SAMPLES - 1
-        transmittance = keep_sample(samples, n, t, 1e4 if last else 1.0, transmittance)
+        delta = np.float32(1e4 if last else 1.0)
+        opacity, slope = activate(raw, delta)
+        transmittance = keep_sample(samples, n, t, delta, opacity, slope, transmittance)
         if last:
             samples[n, 7] = samples[n, 2]
             transmittance = 0.0
@@ -220,7 +295,7 @@ def march_outer(
     return n, transmittance
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def march_beyond(
     outer,
@@ -256,7 +331,7 @@ def march_beyond(
     )
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def texel(values, start, size, u, v, rows, weights, samples, n):
     """Bilinear colour of the square texture of `size` that begins at row `start`; (u, v) in 0..1; opaque."""
@@ -277,7 +352,7 @@ def texel(values, start, size, u, v, rows, weights, samples, n):
             samples[n, 4 + channel] += w * values[row, 1 + channel]
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def meet_ground(
     values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from nerfmodal.field import grid, kernels, marching
-from nerfmodal.field.bricks import with_masks
+from nerfmodal.field.bricks import allocate, with_masks
 from nerfmodal.field.views import CELL, Views, directions_of, views_of
 from nerfmodal.geometry.cameras import semi_spherical_rig
 from nerfmodal.spec import RigSpec
@@ -147,10 +147,11 @@ def distortion(weights: np.ndarray, places: np.ndarray, lengths: np.ndarray) -> 
 
 def test_pulls_are_the_derivative_of_the_distortion(rng: np.random.Generator) -> None:
     count, strength = 12, 0.3
-    samples = np.zeros((count, 8))
+    samples = np.zeros((count, 8), np.float32)
     samples[:, 0], samples[:, 1], samples[:, 7] = np.sort(rng.random(count) * 9), 0.6, rng.random(count) / count
-    pulls = np.zeros(count)
+    pulls = np.zeros(count, np.float32)
     kernels.gather_pulls(samples, count, strength, pulls)
+    samples = samples.astype(float)
     for index in range(count):
         moved = np.array([samples[:, 7], samples[:, 7]])
         moved[:, index] += [1e-6, -1e-6]
@@ -169,14 +170,15 @@ def test_a_pull_reaches_the_densities_through_the_weights(rng: np.random.Generat
         return before * -np.expm1(-thickness), before
 
     weights, before = weights_of(raw)
-    samples = np.zeros((count, 8))
-    samples[:, 1], samples[:, 2], samples[:, 3], samples[:, 7] = delta, before, raw, weights
+    samples = np.zeros((count, 8), np.float32)
+    samples[:, 1], samples[:, 2], samples[:, 3], samples[:, 7] = delta, before, 1 / (1 + np.exp(-raw)), weights
     rows = np.full((count, 8), -1, np.int32)
     rows[:, 0] = np.arange(count)
     shares = np.zeros((count, 8), np.float32)
     shares[:, 0] = 1
     gradient, touched = np.zeros((512, 4), np.float32), np.zeros(1, np.uint8)
-    kernels.backward(rows, shares, samples, count, np.zeros(3), np.zeros(3), pulls, 0.0, gradient, touched)
+    dark, strengths = np.zeros(3, np.float32), pulls.astype(np.float32)
+    kernels.backward(rows, shares, samples, count, dark, dark, strengths, 0.0, gradient, touched)
     for index in range(count):
         step = np.zeros(count)
         step[index] = 1e-6
@@ -221,6 +223,42 @@ def test_rays_jump_over_blocks_that_are_not_set(rng: np.random.Generator, views:
     np.testing.assert_array_equal(left[0], 1.0)
     assert (left[1] >= left[2] - 1e-6).all()
     assert (left[1] < 1).any()
+
+
+def test_rays_jump_as_far_as_bricks_are_empty_and_miss_nothing(rng: np.random.Generator, views: Views) -> None:
+    field = empty_but_for_one_brick(rng)
+    slots = field.bricks.slots
+    assert slots.min() < -3
+    near = replace(field, bricks=replace(field.bricks, slots=np.maximum(slots, -1)))
+    pixels = np.concatenate([views.pixels_of(camera) for camera in range(len(views.images))])
+    far, close = (grid.render(one, views, pixels, behind=False) for one in (field, near))
+    assert (far[1] < 0.9).any()
+    for one, other in zip(far, close, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-4)
+
+
+def empty_but_for_one_brick(rng: np.random.Generator) -> grid.GridField:
+    field = grid.empty_field(LOW, HIGH, VOXEL / 4, None)
+    occupied = np.zeros(tuple(4 * n for n in field.bricks.slots.shape), dtype=bool)
+    occupied[8:10, 12:14, 8:12] = True
+    bricks = allocate(field.bricks.low, field.bricks.voxel, occupied)
+    values = rng.normal(size=(bricks.rows, 4)).astype(np.float32)
+    return replace(field, bricks=bricks, values=values, outer=np.empty((0, 0, 0), np.int32))
+
+
+def test_opacities_are_those_of_the_closed_form() -> None:
+    raw = np.linspace(-12, 40, 500, dtype=np.float32)
+    lanes = np.stack([raw, raw, raw])
+    marching.activate_all(lanes, np.float32(0.6))
+    density = np.logaddexp(0.0, raw.astype(float))
+    np.testing.assert_allclose(lanes[1], -np.expm1(-0.6 * density), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(lanes[2], 1 / (1 + np.exp(-raw.astype(float))), rtol=1e-6)
+
+
+@pytest.mark.parametrize("delta", [1.0, 1e4])
+def test_a_sample_of_any_length_has_an_opacity(delta: float) -> None:
+    opacity, _ = marching.activate(np.float32(2.0), np.float32(delta))
+    assert opacity == pytest.approx(-math.expm1(-math.log1p(math.exp(2.0)) * delta), rel=1e-6)
 
 
 def test_the_result_does_not_depend_on_threads(rng: np.random.Generator, views: Views) -> None:
