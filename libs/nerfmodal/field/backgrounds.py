@@ -7,13 +7,14 @@ other camera shows is guessed from around it.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
 from nerfmodal.field.beyond import FLAT, MOST_PIXELS, Ground, on_ground, shared_ground, slants
+from nerfmodal.field.bricks import emptied
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
@@ -29,6 +30,8 @@ LOOKED_AT = 500_000
 """Pixels in which fog is looked for while a field is trained."""
 PASSES = 2
 """Times that fog is looked for: each time more is known of what is behind the rest."""
+AT_ONCE = 200_000
+"""Places of the ground for which all cameras are compared at once: a hundred megabytes for fifty cameras."""
 REACH = 3
 """Pixels around from which an unseen one is guessed (Telea 2004)."""
 
@@ -112,16 +115,29 @@ def _behind(
 ) -> Backgrounds:
     """The pictures where they are clear; else what another camera shows, what the field learned, or a guess."""
     images, known = views.images.copy(), clear.copy()
-    for camera, image in enumerate(images):
-        hidden = ~clear[camera]
-        pixels = views.pixels_of(camera)[hidden.reshape(-1)]
-        _, _, learned, _, _ = render(field, views, pixels, behind=True)
-        image[hidden] = np.round(np.clip(learned, 0, 1) * 255)
+    learned = np.ones_like(clear)
     if shared is not None:
         for flat, colors in ground_behind(field.ground, rig, views, _within(clear)):
             images.reshape(-1, 3)[flat], known.reshape(-1)[flat] = colors, True
+        learned = shared | ~clear.any(axis=(1, 2), keepdims=True)
+    _recall(field, views, learned & ~known, images)
+    if shared is not None:
         _guess(images, views.images, clear, ~(known | shared))
     return Backgrounds(images=images, known=known)
+
+
+def _recall(
+    field: GridField,
+    views: Views,
+    where: Bool[np.ndarray, "cameras height width"],
+    images: UInt8[np.ndarray, "cameras height width 3"],
+) -> None:
+    """Put into `images` what the field has learned of what lies beyond the region."""
+    clear = replace(field, bricks=emptied(field.bricks))
+    for camera, (image, mask) in enumerate(zip(images, where, strict=True)):
+        pixels = views.pixels_of(camera)[mask.reshape(-1)]
+        _, _, learned, _, _ = render(clear, views, pixels, behind=True)
+        image[mask] = np.round(np.clip(learned, 0, 1) * 255)
 
 
 def _guess(
@@ -173,21 +189,42 @@ def _closest(
     rig: Rig, points: Float[np.ndarray, "points 3"], clear: Bool[np.ndarray, "cameras height width"]
 ) -> Iterator[tuple[int, Bool[np.ndarray, " points"], Float[np.ndarray, "mine 2"]]]:
     """The cameras that see places of the ground clearly: of each the points that it sees most closely, and where."""
-    closest, nearness, places = np.full(len(points), -1), np.zeros(len(points)), np.empty((len(points), 2))
-    for number, camera in enumerate(rig.cameras):
-        shown, seen = _seen(camera, points, clear[number])
-        nearer = np.where(seen, _nearness(camera, points), 0.0)
-        better = nearer > nearness
-        closest[better], nearness[better], places[better] = number, nearer[better], shown[better]
+    closest, places = np.full(len(points), -1), np.empty((len(points), 2))
+    for begin in range(0, len(points), AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        _ask_the_nearest(rig, points[part], clear, closest[part], places[part])
     for number in np.unique(closest[closest >= 0]):
         mine = closest == number
         yield int(number), mine, places[mine]
 
 
-def _nearness(camera: Camera, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+def _ask_the_nearest(
+    rig: Rig,
+    points: Float[np.ndarray, "points 3"],
+    clear: Bool[np.ndarray, "cameras height width"],
+    closest: Int[np.ndarray, " points"],
+    places: Float[np.ndarray, "points 2"],
+) -> None:
+    """Put into `closest` and `places`, of each point, the camera that sees it most closely and its pixel there."""
+    nearness, left = _nearness(rig, points), np.arange(len(points))
+    while len(left):
+        nearest = nearness.argmax(axis=1)
+        each = np.arange(len(left)), nearest
+        above = nearness[each] > 0
+        nearness[each] = 0.0
+        for number in np.unique(nearest[above]):
+            mine = left[(nearest == number) & above]
+            shown, seen = _seen(rig.cameras[number], points[mine], clear[number])
+            closest[mine[seen]], places[mine[seen]] = number, shown[seen]
+        again = above & (closest[left] < 0)
+        nearness, left = nearness[again], left[again]
+
+
+def _nearness(rig: Rig, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points cameras"]:
     """Pixels per metre of ground along the view, up to the focal length: sine of the angle over the distance."""
-    rays = points - camera.camera_to_world[:3, 3]
-    return np.asarray(-rays[:, 2] / (rays**2).sum(axis=1))
+    centers = np.stack([camera.camera_to_world[:3, 3] for camera in rig.cameras])
+    squares = (points**2).sum(axis=1)[:, None] - 2 * points @ centers.T + (centers**2).sum(axis=1)
+    return np.asarray((centers[:, 2] - points[:, 2, None]) / squares, dtype=np.float32)
 
 
 def _seen(

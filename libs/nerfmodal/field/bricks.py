@@ -91,6 +91,12 @@ def with_masks(bricks: Bricks, occupied: Occupancy) -> Bricks:
     return Bricks(low=bricks.low, voxel=bricks.voxel, slots=bricks.slots, masks=masks)
 
 
+def emptied(bricks: Bricks) -> Bricks:
+    """The same vertices, of which rays meet none."""
+    slots = np.full(bricks.slots.shape, -max(bricks.slots.shape), dtype=np.int32)
+    return Bricks(low=bricks.low, voxel=bricks.voxel, slots=slots, masks=np.zeros_like(bricks.masks))
+
+
 def seen_blocks(bricks: Bricks, seen: Float[np.ndarray, " blocks"], threshold: float) -> Occupancy:
     """Blocks in which a sample's weight exceeded `threshold`, or half of the largest one where none did."""
     limit = min(threshold, 0.5 * float(seen.max(initial=0.0)))  # a short training is faint everywhere

@@ -19,6 +19,7 @@ from nerfmodal.field.bricks import (
     Bricks,
     Occupancy,
     allocate,
+    emptied,
     grown,
     halved,
     sample_vertices,
@@ -143,7 +144,7 @@ def _learn_beyond(
     """
     if not field.has_ground:
         return None
-    clear = replace(field, bricks=replace(field.bricks, masks=np.zeros_like(field.bricks.masks)))
+    clear = replace(field, bricks=emptied(field.bricks))
     lay_ground(field, views)
     draw = _anywhere(views, schedule.rays, rng)
     count = round(BEYOND * schedule.iterations)

@@ -4,10 +4,13 @@ Any lens becomes a table of undistorted image points every few pixels; between t
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from nerfmodal.field.marching import ray_of
 from nerfmodal.geometry.cameras import focus_of, undistort
 from nerfmodal.types import Camera, Frame, Rig
 
@@ -91,14 +94,14 @@ def pixels_at(flat: Int[np.ndarray, " rays"], shape: tuple[int, ...]) -> Int[np.
 
 def directions_of(views: Views, pixels: Int[np.ndarray, "rays 3"]) -> Float[np.ndarray, "rays 3"]:
     """Unit world directions of the rays through the centres of `pixels` (camera, row, column)."""
-    camera, v, u = pixels[:, 0], (pixels[:, 1] + 0.5) / CELL, (pixels[:, 2] + 0.5) / CELL
-    i = np.minimum(v.astype(int), views.table.shape[1] - 2)
-    j = np.minimum(u.astype(int), views.table.shape[2] - 2)
-    a, b = (v - i)[:, None], (u - j)[:, None]
-    table = views.table
-    upper = (1 - b) * table[camera, i, j] + b * table[camera, i, j + 1]
-    lower = (1 - b) * table[camera, i + 1, j] + b * table[camera, i + 1, j + 1]
-    x, y = ((1 - a) * upper + a * lower).T
-    local = np.stack([x, -y, -np.ones_like(x)], axis=1)
-    local /= np.linalg.norm(local, axis=1, keepdims=True)
-    return np.einsum("rij,rj->ri", views.poses[camera, :3, :3], local)
+    directions = np.empty((len(pixels), 3))
+    _directions(views.table, views.poses, pixels, directions)
+    return directions
+
+
+@numba.njit(cache=True, parallel=True, nogil=True)
+@no_type_check
+def _directions(table, poses, pixels, directions):
+    for ray in numba.prange(len(pixels)):
+        x, y, z = ray_of(table, poses, pixels[ray, 0], pixels[ray, 1], pixels[ray, 2], CELL)
+        directions[ray, 0], directions[ray, 1], directions[ray, 2] = x, y, z
