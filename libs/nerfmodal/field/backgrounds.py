@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, Shaped, UInt8
 from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
 from nerfmodal.field.beyond import FLAT, MOST_PIXELS, Ground, on_ground, shared_ground, slants
@@ -27,7 +27,10 @@ ALIKE = 0.12
 """Fog is where a picture, smoothed by `BLUR` pixels, is nearer than this (of 1) to what is thought to be behind it."""
 BLUR = 1.5
 LOOKED_AT = 500_000
-"""Pixels in which fog is looked for while a field is trained."""
+"""Pixels in which a field is looked at while it is trained."""
+ASKED_FOR = 4_000_000
+"""Pixels for which it is asked what is behind them while a field is trained. Fewer than there are would be faster, but
+with few cameras coarse pictures of what is behind hide the structure again (decision 12)."""
 PASSES = 2
 """Times that fog is looked for: each time more is known of what is behind the rest."""
 AT_ONCE = 200_000
@@ -56,18 +59,22 @@ def still_backgrounds(field: GridField, first: Frame) -> Backgrounds:
 
 
 def presumed_backgrounds(
-    field: GridField, rig: Rig, views: Views, shared: Bool[np.ndarray, "cameras height width"], *, foggy: bool
+    field: GridField,
+    rig: Rig,
+    views: Views,
+    shared: Bool[np.ndarray, "cameras height width"],
+    left: Float[np.ndarray, "cameras rows columns"],
+    *,
+    foggy: bool,
 ) -> UInt8[np.ndarray, "cameras height width 3"]:
     """What a field with a ground has behind it while it is trained, as far as it is known by then.
 
     A field whose place beyond is blurred grows fog to sharpen it. What looks like its background behind fog alone is
     taken for it: the fog has nothing to explain any more, and clears. Before any training (`foggy` is false) there is
-    nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`.
+    nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`, `left` of `remaining`.
     """
-    step = math.ceil(math.sqrt(views.pixels / LOOKED_AT))
-    left = remaining(field, views, step)
-    clear, thin = (_counting(spread(left > limit, step, views), views) for limit in (CLEAR, FOG))
-    behind = _behind(field, rig, views, clear, shared)
+    clear, thin = (_counting(spread(left > limit, views), views) for limit in (CLEAR, FOG))
+    behind = _behind(field, rig, views, clear, shared, math.ceil(math.sqrt(views.pixels / ASKED_FOR)))
     images = behind.images
     for _ in range(PASSES if foggy else 0):
         clear |= thin & _alike(views.images, images)
@@ -87,11 +94,17 @@ def remaining(field: GridField, views: Views, step: int = 1) -> Float[np.ndarray
     return left
 
 
+def stride(views: Views) -> int:
+    """How many pixels apart a field is looked at while it is trained."""
+    return math.ceil(math.sqrt(views.pixels / LOOKED_AT))
+
+
 def spread(
-    coarse: Bool[np.ndarray, "cameras rows columns"], step: int, views: Views
-) -> Bool[np.ndarray, "cameras height width"]:
-    """What was said of every `step`-th pixel, said of all pixels."""
+    coarse: Shaped[np.ndarray, "cameras rows columns ..."], views: Views
+) -> Shaped[np.ndarray, "cameras height width ..."]:
+    """What was said of pixels some rows and columns apart, said of all pixels."""
     _, height, width = views.images.shape[:3]
+    step = math.ceil(height / coarse.shape[1])
     return coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
 
 
@@ -112,18 +125,33 @@ def _behind(
     views: Views,
     clear: Bool[np.ndarray, "cameras height width"],
     shared: Bool[np.ndarray, "cameras height width"] | None,
+    step: int = 1,
 ) -> Backgrounds:
-    """The pictures where they are clear; else what another camera shows, what the field learned, or a guess."""
+    """The pictures where they are clear; else what another camera shows, what the field learned, or a guess.
+
+    What others show and what was learned is looked up for every `step`-th pixel, and said of those around it.
+    """
     images, known = views.images.copy(), clear.copy()
-    learned = np.ones_like(clear)
+    hidden, learned = ~clear, np.ones_like(clear)
     if shared is not None:
-        for flat, colors in ground_behind(field.ground, rig, views, _within(clear)):
+        hidden = ~_within(clear)
+        for flat, colors in ground_behind(field.ground, rig, views, ~hidden, step):
             images.reshape(-1, 3)[flat], known.reshape(-1)[flat] = colors, True
         learned = shared | ~clear.any(axis=(1, 2), keepdims=True)
-    _recall(field, views, learned & ~known, images)
+    _recall(field, views, learned & _every(step, ~known), images)
+    if step > 1:
+        images = np.where(hidden[..., None], spread(images[:, ::step, ::step], views), images)
+        known = np.where(hidden, spread(known[:, ::step, ::step], views), clear)
     if shared is not None:
         _guess(images, views.images, clear, ~(known | shared))
     return Backgrounds(images=images, known=known)
+
+
+def _every(step: int, pixels: Bool[np.ndarray, "cameras height width"]) -> Bool[np.ndarray, "cameras height width"]:
+    """Those of the pixels that lie in every `step`-th row and column."""
+    some = np.zeros_like(pixels)
+    some[:, ::step, ::step] = pixels[:, ::step, ::step]
+    return some
 
 
 def _recall(
@@ -169,13 +197,16 @@ def _alike(
 
 
 def ground_behind(
-    ground: Ground, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"]
+    ground: Ground, rig: Rig, views: Views, clear: Bool[np.ndarray, "cameras height width"], step: int = 1
 ) -> Iterator[tuple[Int[np.ndarray, " pixels"], UInt8[np.ndarray, "pixels 3"]]]:
-    """Of each camera, the pixels that do not see the ground clearly while another camera does, and what that shows."""
+    """Of each camera, the pixels that do not see the ground clearly while another camera does, and what that shows.
+
+    Only pixels in every `step`-th row and column are asked for.
+    """
     each = clear[0].size
     together = max(MOST_PIXELS // each, 1)  # cameras at once: neither a spline for each pair, nor all pixels in memory
     for first in range(0, len(clear), together):
-        hidden = first * each + np.flatnonzero(~clear[first : first + together])
+        hidden = first * each + np.flatnonzero(_every(step, ~clear[first : first + together]))
         pixels = pixels_at(hidden, clear.shape)
         directions = directions_of(views, pixels)
         falls = slants(ground, directions) < FLAT

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, median_filter, uniform_filter
 
-from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, spread, still_backgrounds
+from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, spread, still_backgrounds, stride
 from nerfmodal.field.beyond import Ground, lay_ground, shared_ground
 from nerfmodal.field.bricks import (
     BLOCKS,
@@ -68,8 +68,6 @@ FOUND_WEIGHT = 0.1
 RING = 9
 INSIDE = 0.75
 NOWHERE = np.empty((0, 0, 0), np.int32)
-COARSE = 2
-"""Every so many pixels is looked at to find those that see the plant."""
 FAINT = 0.1
 Draw = Callable[[], Int[np.ndarray, " rays"]]
 
@@ -101,10 +99,10 @@ def fit(
     if kept is None:
         field = empty_field(low, high, voxel * 2 ** (len(LEVELS) - 1), ground, views.pixels)
         silhouettes = _learn_beyond(field, views, schedule, rng, course)
-        level, draw = 0, _anywhere(views, schedule.rays, rng)
+        level, left, draw = 0, None, _anywhere(views, schedule.rays, rng)
     else:
         level, field, seen, silhouettes = _restored(kept, views, rng, course)
-        field, draw = _next_level(field, seen, views, schedule, rng, level)
+        field, left, draw = _next_level(field, seen, views, schedule, rng, level)
         level += 1
     while True:
         if silhouettes is not None:
@@ -113,7 +111,7 @@ def fit(
             if level == 0:
                 draw = _focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
         until = _iterations_until(level, schedule.iterations)
-        plain = _stand_ins(field, frame, views, silhouettes, level)
+        plain = _stand_ins(field, frame, views, silhouettes, level, left)
         seen = train(
             field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
         )
@@ -121,7 +119,7 @@ def fit(
             return pruned(field, seen)
         if resume.is_due:
             resume.keep(_kept(level, field, seen, silhouettes, rng, course))
-        field, draw = _next_level(field, seen, views, schedule, rng, level)
+        field, left, draw = _next_level(field, seen, views, schedule, rng, level)
         level += 1
 
 
@@ -153,12 +151,19 @@ def _learn_beyond(
 
 
 def _stand_ins(
-    field: GridField, frame: Frame, views: Views, silhouettes: Silhouettes | None, level: int
+    field: GridField,
+    frame: Frame,
+    views: Views,
+    silhouettes: Silhouettes | None,
+    level: int,
+    left: Float[np.ndarray, "cameras rows columns"] | None,
 ) -> UInt8[np.ndarray, "cameras height width 3"] | None:
     """Pictures of what is behind the region while a level is trained; None where that is trained too."""
     if silhouettes is None:
         return mean_colors(views) if level == 0 else None
-    return presumed_backgrounds(field, frame.rig, views, silhouettes.tell, foggy=level > 0)
+    if left is None:
+        left = remaining(field, views, stride(views))
+    return presumed_backgrounds(field, frame.rig, views, silhouettes.tell, left, foggy=level > 0)
 
 
 def mean_colors(views: Views) -> UInt8[np.ndarray, "cameras height width 3"]:
@@ -184,14 +189,15 @@ def _next_level(
     schedule: Schedule,
     rng: np.random.Generator,
     level: int,
-) -> tuple[GridField, Draw]:
-    """The field of half the voxel after `level` was trained, and rays from where the plant was found."""
+) -> tuple[GridField, Float[np.ndarray, "cameras rows columns"], Draw]:
+    """The field of half the voxel after `level` was trained, what rays keep in it, and rays from where the plant is."""
     field = pruned(field, seen)
-    plant = plant_pixels(field, views)
+    left = remaining(field, views, stride(views))
+    plant = plant_pixels(left, views)
     finer = refined(field, seen)
     if field.has_ground and level > 0:
         lay_ground(finer, views, ~plant)
-    return finer, _focused(plant, views, schedule.rays, rng)
+    return finer, left, _focused(plant, views, schedule.rays, rng)
 
 
 def _kept(
@@ -248,10 +254,12 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
     return Silhouettes(missed=missed, tell=tell)
 
 
-def plant_pixels(field: GridField, views: Views) -> Bool[np.ndarray, "cameras height width"]:
-    """The pixels that see something in the region, or lie beside one that does."""
-    opaque = remaining(field, views, COARSE) < 1 - FAINT
-    return spread(np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque]), COARSE, views)
+def plant_pixels(
+    left: Float[np.ndarray, "cameras rows columns"], views: Views
+) -> Bool[np.ndarray, "cameras height width"]:
+    """The pixels that see something in the region, or lie beside one that does; `left` is of `remaining`."""
+    opaque = left < 1 - FAINT
+    return spread(np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque]), views)
 
 
 def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:

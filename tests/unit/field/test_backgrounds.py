@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from nerfmodal.field.backgrounds import ground_behind, presumed_backgrounds
+from nerfmodal.field import backgrounds
+from nerfmodal.field.backgrounds import ground_behind, presumed_backgrounds, remaining
 from nerfmodal.field.beyond import shared_ground
 from nerfmodal.field.grid import GridField, empty_field
 from nerfmodal.field.views import views_of
@@ -45,6 +46,30 @@ def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> No
     assert np.sqrt(np.mean(off**2)) < 12  # the pattern's own is 70
 
 
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_only_some_pixels_are_asked_for(floor: Frame, step: int) -> None:
+    clear = np.ones(floor.images.shape[:3], dtype=bool)
+    clear[:, 20:44, 28:36] = False
+    flat = np.concatenate([numbers for numbers, _ in ground_behind(FLOOR, floor.rig, views_of(floor), clear, step)])
+    _, rows, columns = np.unravel_index(flat, clear.shape)
+    assert not (rows % step).any()
+    assert not (columns % step).any()
+    assert len(flat) > 0.5 * (~clear[:, ::step, ::step]).sum()
+
+
+def test_of_very_many_pixels_some_are_asked_for(floor: Frame, fog: GridField, monkeypatch: pytest.MonkeyPatch) -> None:
+    views = views_of(floor)
+    left = remaining(fog, views)
+    shared = shared_ground(fog, views)
+    fine = presumed_backgrounds(fog, floor.rig, views, shared, left, foggy=False)
+    monkeypatch.setattr(backgrounds, "ASKED_FOR", views.pixels // 4)
+    coarse = presumed_backgrounds(fog, floor.rig, views, shared, left, foggy=False)
+    hidden = (left < 0.9)[:, ::2, ::2]
+    assert hidden.any()
+    np.testing.assert_array_equal(fine[:, ::2, ::2][hidden], coarse[:, ::2, ::2][hidden])
+    assert not np.array_equal(fine, coarse)
+
+
 def test_nothing_is_said_of_what_nobody_sees(floor: Frame) -> None:
     assert not list(ground_behind(FLOOR, floor.rig, views_of(floor), np.zeros(floor.images.shape[:3], dtype=bool)))
 
@@ -83,7 +108,7 @@ def test_what_no_picture_shows_is_guessed_from_around(floor: Frame, fog: GridFie
     images[:, 28:36, 28:36] = 0
     views = views_of(Frame(index=0, time=0.0, images=images, rig=floor.rig))
     nowhere = np.zeros(images.shape[:3], dtype=bool)
-    behind = presumed_backgrounds(fog, floor.rig, views, nowhere, foggy=False)
+    behind = presumed_backgrounds(fog, floor.rig, views, nowhere, remaining(fog, views), foggy=False)
     middle = behind[:, 30:34, 30:34].astype(int)
     own = np.abs(middle - tones).max(axis=(1, 2, 3))
     other = np.abs(middle[..., None] - tones.ravel()).min(axis=(1, 2, 3, 4))
@@ -97,7 +122,8 @@ def test_fog_before_its_own_background_is_seen_through(floor: Frame, fog: GridFi
     plain[:, ::2] = 132
     views = views_of(Frame(index=0, time=0.0, images=plain, rig=floor.rig))
     everywhere = np.ones(plain.shape[:3], dtype=bool)
-    hidden = presumed_backgrounds(fog, floor.rig, views, everywhere, foggy=False)
-    seen = presumed_backgrounds(fog, floor.rig, views, everywhere, foggy=True)
+    left = remaining(fog, views, 2)
+    hidden = presumed_backgrounds(fog, floor.rig, views, everywhere, left, foggy=False)
+    seen = presumed_backgrounds(fog, floor.rig, views, everywhere, left, foggy=True)
     np.testing.assert_array_equal(seen, plain)
     assert not np.array_equal(hidden, plain)
