@@ -15,11 +15,11 @@ from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
 from nerfmodal.field.beyond import FLAT, MOST_PIXELS, Ground, on_ground, shared_ground, slants
 from nerfmodal.field.bricks import emptied
+from nerfmodal.field.closest import closest_cameras
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
-from nerfmodal.geometry.cameras import project
-from nerfmodal.types import Camera, Frame, Rig
+from nerfmodal.types import Frame, Rig
 
 FOG = 0.5
 """A ray that keeps more than this of its light may be held up by fog alone."""
@@ -33,8 +33,6 @@ ASKED_FOR = 4_000_000
 with few cameras coarse pictures of what is behind hide the structure again (decision 12)."""
 PASSES = 2
 """Times that fog is looked for: each time more is known of what is behind the rest."""
-AT_ONCE = 200_000
-"""Places of the ground for which all cameras are compared at once: a hundred megabytes for fifty cameras."""
 REACH = 3
 """Pixels around from which an unseen one is guessed (Telea 2004)."""
 
@@ -212,61 +210,10 @@ def ground_behind(
         falls = slants(ground, directions) < FLAT
         hidden, pixels, directions = hidden[falls], pixels[falls], directions[falls]
         points = on_ground(ground, views.poses[pixels[:, 0], :3, 3], directions)
-        for number, mine, places in _closest(rig, points, clear):
-            yield hidden[mine], _read(views.images[number], places)
-
-
-def _closest(
-    rig: Rig, points: Float[np.ndarray, "points 3"], clear: Bool[np.ndarray, "cameras height width"]
-) -> Iterator[tuple[int, Bool[np.ndarray, " points"], Float[np.ndarray, "mine 2"]]]:
-    """The cameras that see places of the ground clearly: of each the points that it sees most closely, and where."""
-    closest, places = np.full(len(points), -1), np.empty((len(points), 2))
-    for begin in range(0, len(points), AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        _ask_the_nearest(rig, points[part], clear, closest[part], places[part])
-    for number in np.unique(closest[closest >= 0]):
-        mine = closest == number
-        yield int(number), mine, places[mine]
-
-
-def _ask_the_nearest(
-    rig: Rig,
-    points: Float[np.ndarray, "points 3"],
-    clear: Bool[np.ndarray, "cameras height width"],
-    closest: Int[np.ndarray, " points"],
-    places: Float[np.ndarray, "points 2"],
-) -> None:
-    """Put into `closest` and `places`, of each point, the camera that sees it most closely and its pixel there."""
-    nearness, left = _nearness(rig, points), np.arange(len(points))
-    while len(left):
-        nearest = nearness.argmax(axis=1)
-        each = np.arange(len(left)), nearest
-        above = nearness[each] > 0
-        nearness[each] = 0.0
-        for number in np.unique(nearest[above]):
-            mine = left[(nearest == number) & above]
-            shown, seen = _seen(rig.cameras[number], points[mine], clear[number])
-            closest[mine[seen]], places[mine[seen]] = number, shown[seen]
-        again = above & (closest[left] < 0)
-        nearness, left = nearness[again], left[again]
-
-
-def _nearness(rig: Rig, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points cameras"]:
-    """Pixels per metre of ground along the view, up to the focal length: sine of the angle over the distance."""
-    centers = np.stack([camera.camera_to_world[:3, 3] for camera in rig.cameras])
-    squares = (points**2).sum(axis=1)[:, None] - 2 * points @ centers.T + (centers**2).sum(axis=1)
-    return np.asarray((centers[:, 2] - points[:, 2, None]) / squares, dtype=np.float32)
-
-
-def _seen(
-    camera: Camera, points: Float[np.ndarray, "points 3"], clear: Bool[np.ndarray, "height width"]
-) -> tuple[Float[np.ndarray, "points 2"], Bool[np.ndarray, " points"]]:
-    """The pixels of the points, and whether the camera sees them and nothing before them."""
-    places, depths = project(camera, points)
-    inside = (depths > 0) & (places > 1).all(axis=1) & (places < [camera.width - 1, camera.height - 1]).all(axis=1)
-    columns, rows = places[inside].astype(int).T
-    inside[inside] = clear[rows, columns]
-    return places, np.asarray(inside)
+        closest, places = closest_cameras(rig, points, clear)
+        for number in np.unique(closest[closest >= 0]):
+            mine = closest == number
+            yield hidden[mine], _read(views.images[number], places[mine])
 
 
 def _read(

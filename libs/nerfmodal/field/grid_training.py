@@ -109,7 +109,7 @@ def fit(
             hull = carved_blocks(field.bricks, frame.rig, silhouettes.missed, PLANT_AGREEMENT, voters=silhouettes.tell)
             field = restricted(field, hull)
             if level == 0:
-                draw = _focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
+                draw = focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
         until = _iterations_until(level, schedule.iterations)
         plain = _stand_ins(field, frame, views, silhouettes, level, left)
         seen = train(
@@ -197,7 +197,7 @@ def _next_level(
     finer = refined(field, seen)
     if field.has_ground and level > 0:
         lay_ground(finer, views, ~plant)
-    return finer, left, _focused(plant, views, schedule.rays, rng)
+    return finer, left, focused(plant, views, schedule.rays, rng)
 
 
 def _kept(
@@ -266,7 +266,7 @@ def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:
     return lambda: views.drawn(rays, rng)
 
 
-def _focused(
+def focused(
     chosen: Bool[np.ndarray, "cameras height width"], views: Views, rays: int, rng: np.random.Generator
 ) -> Draw:
     """Three rays in four from the chosen pixels, the others from anywhere."""
