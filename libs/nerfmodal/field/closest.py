@@ -49,7 +49,9 @@ def _find(points, poses, lenses, distortions, folds, fisheyes, clear, closest, p
     for index in numba.prange(len(points)):
         nearest = 0.0
         for camera in range(len(poses)):
-            x, y, z = points[index] - poses[camera, :3, 3]
+            x = points[index, 0] - poses[camera, 0, 3]
+            y = points[index, 1] - poses[camera, 1, 3]
+            z = points[index, 2] - poses[camera, 2, 3]
             nearness = -z / (x * x + y * y + z * z)  # sine of the angle over the distance
             if nearness <= nearest:
                 continue
@@ -69,7 +71,7 @@ def _image_point(x, y, z, pose, distortion, limit, fisheye):
     across = pose[0, 0] * x + pose[1, 0] * y + pose[2, 0] * z
     up = pose[0, 1] * x + pose[1, 1] * y + pose[2, 1] * z
     ahead = -(pose[0, 2] * x + pose[1, 2] * y + pose[2, 2] * z)
-    k1, k2, k3, k4, p1, p2 = distortion
+    k1, k2, k3, k4 = distortion[0], distortion[1], distortion[2], distortion[3]
     if fisheye:
         r = math.hypot(across, up)
         angle = math.atan2(r, ahead)
@@ -79,7 +81,7 @@ def _image_point(x, y, z, pose, distortion, limit, fisheye):
     r2 = a * a + b * b
     if ahead <= 0 or r2 >= limit * limit:
         return math.nan, math.nan
-    radial = _radial(r2, k1, k2, k3, k4)
+    radial, p1, p2 = _radial(r2, k1, k2, k3, k4), distortion[4], distortion[5]
     return (
         a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a),
         b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b,
