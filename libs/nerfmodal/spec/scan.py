@@ -39,7 +39,7 @@ class ReconstructionSpec(Part):
     mlp_width: Annotated[int, Field(ge=8, le=1024)] = 256
     coarse_samples: Annotated[int, Field(ge=2)] = 64
     fine_samples: Annotated[int, Field(ge=2)] = 192
-    opacity_threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    opacity_threshold: Annotated[float, Field(gt=0, lt=1)] = 0.3
     """Points whose ray is less opaque are discarded (eq 10)."""
     points: Annotated[int, Field(ge=100, le=10_000_000)] = 50_000
     """Points per cloud at the most."""
