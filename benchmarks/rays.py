@@ -124,7 +124,7 @@ def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, 
 def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels):
     rows = np.empty((marching.MAX_SAMPLES, 8), np.int32)
     weights = np.empty((marching.MAX_SAMPLES, 8), np.float32)
-    samples, lanes = np.empty((marching.MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
+    samples, lanes = np.empty((marching.MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.AT_ONCE), np.float32)
     total = 0
     for index in range(len(pixels)):
         camera, row, column = pixels[index]

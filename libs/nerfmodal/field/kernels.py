@@ -4,9 +4,10 @@ Lengths are in voxels and densities per voxel, so that a step's opacity does not
 `values` is (raw density, red, green, blue) at a vertex; the density is the softplus of the interpolated raw value
 (post-activation, as in DVGO, Sun et al. 2022: the surface may then be sharper than the voxel).
 
-Space is cut into bricks of 8 x 8 x 8 vertices; `bricks` holds the slot of each or -1, `masks` one bit for each of its
-4 x 4 x 4 blocks of 2 x 2 x 2 cells: rays jump over what is not set. The inner grid (the region) shares `values` with
-what lies beyond: ground and sky, or an outer grid (contracted as in mip-NeRF 360, Barron et al. 2022).
+Space is cut into bricks of 8 x 8 x 8 vertices; `bricks` holds the slot of each, or minus its distance to the nearest
+that has vertices, `masks` one bit for each of its 4 x 4 x 4 blocks of 2 x 2 x 2 cells: rays jump over what is not set.
+The inner grid (the region) shares `values` with what lies beyond: ground and sky, or an outer grid (contracted as in
+mip-NeRF 360, Barron et al. 2022).
 
 Results do not depend on the number of threads: rays are cut into a fixed number of chunks with gradients of their own,
 which are added in order.
@@ -18,8 +19,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from nerfmodal.field import marching
-from nerfmodal.field.marching import CORNERS, MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
+from nerfmodal.field.marching import AT_ONCE, CORNERS, MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
 
 numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when it is too old
 
@@ -27,6 +27,7 @@ CHUNKS = 2
 LINE = 8
 """Vertices along a brick's z: what the optimiser visits at once, 128 bytes of each of its arrays."""
 LANES = 4 * LINE
+"""Numbers of a line."""
 CLEAR = 0.98
 """A ray that keeps more than this of its light sees the ground or the sky, and only such rays teach it: they would
 else learn, for each camera, the picture of whatever stands before them, and leave that half transparent."""
@@ -58,7 +59,7 @@ def gather_pulls(samples, n, strength, pulls):
 
     strength * (sum_ij w_i w_j |t_i - t_j| + sum_i w_i^2 delta_i / 3), in one pass each way instead of over all pairs.
     """
-    two, start = np.float32(2), samples[0, 0]
+    two, start = np.float32(2), samples[0, 0]  # from the first: a difference of large numbers would lose digits
     weight, moment = np.float32(0), np.float32(0)
     for index in range(n):
         t, w = samples[index, 0] - start, samples[index, 7]
@@ -153,7 +154,7 @@ def train_batch(
     for chunk in numba.prange(CHUNKS):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
         weights = np.empty((MAX_SAMPLES, 8), np.float32)
-        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
+        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, AT_ONCE), np.float32)
         tail, error, pulls = np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(MAX_SAMPLES, np.float32)
         loss = 0.0
         for index in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
@@ -332,7 +333,7 @@ def render_pixels(
     for chunk in numba.prange(64):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
         weights = np.empty((MAX_SAMPLES, 8), np.float32)
-        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.LANES), np.float32)
+        samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, AT_ONCE), np.float32)
         for index in range(chunk * count // 64, (chunk + 1) * count // 64):
             camera, row, column = pixels[index, 0], pixels[index, 1], pixels[index, 2]
             dx, dy, dz = ray_of(table, poses, camera, row, column, cell)

@@ -14,7 +14,7 @@ ROWS_PER_BRICK = 512
 CORNERS = (0, 1, 8, 9, 64, 65, 72, 73)
 """Rows of a cell's corners within one brick, from its first."""
 EMPTY_RAW = np.float32(-6.0)
-LANES = 16
+AT_ONCE = 16
 """Samples of a ray whose opacities are found together; a part of `MAX_SAMPLES`."""
 LIMIT = 30.0
 """Raw densities beyond it are as good as it."""
@@ -216,7 +216,7 @@ def march_inner(
     t = near + jitter * step
     while t < far and n < MAX_SAMPLES and transmittance >= OPAQUE:
         begin = n
-        while t < far and n < begin + LANES:
+        while t < far and n < begin + AT_ONCE:
             x = min(max(ox + dx * t, 0.0), nx - 1e-3)
             y = min(max(oy + dy * t, 0.0), ny - 1e-3)
             z = min(max(oz + dz * t, 0.0), nz - 1e-3)
