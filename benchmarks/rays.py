@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int
 from nerfmodal import pipeline
 from nerfmodal.field import grid, marching
-from nerfmodal.field.backgrounds import remaining
+from nerfmodal.field.backgrounds import remaining, stride
 from nerfmodal.field.course import Course
 from nerfmodal.field.grid import grid_of
 from nerfmodal.field.grid_training import focused, plant_pixels
@@ -41,7 +41,7 @@ def roofline_rows(film: Film) -> Iterator[Row]:
     state = pipeline.fit_first(film.spec, first, report=silent).state
     field = grid_of(state)
     rng = np.random.default_rng(0)
-    plant = plant_pixels(remaining(field, views), views)
+    plant = plant_pixels(remaining(field, views, stride(views)), views)
     draw = focused(plant, views, RAYS, rng)
     samples = _samples_per_ray(field, views, np.concatenate([draw() for _ in range(16)]))
 

@@ -69,9 +69,10 @@ def presumed_backgrounds(
 
     A field whose place beyond is blurred grows fog to sharpen it. What looks like its background behind fog alone is
     taken for it: the fog has nothing to explain any more, and clears. Before any training (`foggy` is false) there is
-    nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`, `left` of `remaining`.
+    nothing but fog, and all of it may be the structure. `shared` is of `shared_ground`, `left` of `remaining` in every
+    `stride`-th pixel.
     """
-    clear, thin = (_counting(spread(left > limit, views), views) for limit in (CLEAR, FOG))
+    clear, thin = (_counting(spread(left > limit, stride(views), views), views) for limit in (CLEAR, FOG))
     behind = _behind(field, rig, views, clear, shared, math.ceil(math.sqrt(views.pixels / ASKED_FOR)))
     images = behind.images
     for _ in range(PASSES if foggy else 0):
@@ -98,11 +99,10 @@ def stride(views: Views) -> int:
 
 
 def spread(
-    coarse: Shaped[np.ndarray, "cameras rows columns ..."], views: Views
+    coarse: Shaped[np.ndarray, "cameras rows columns ..."], step: int, views: Views
 ) -> Shaped[np.ndarray, "cameras height width ..."]:
-    """What was said of pixels some rows and columns apart, said of all pixels."""
+    """What was said of every `step`-th pixel, said of all pixels."""
     _, height, width = views.images.shape[:3]
-    step = math.ceil(height / coarse.shape[1])
     return coarse.repeat(step, axis=1).repeat(step, axis=2)[:, :height, :width]
 
 
@@ -138,8 +138,8 @@ def _behind(
         learned = shared | ~clear.any(axis=(1, 2), keepdims=True)
     _recall(field, views, learned & _every(step, ~known), images)
     if step > 1:
-        images = np.where(hidden[..., None], spread(images[:, ::step, ::step], views), images)
-        known = np.where(hidden, spread(known[:, ::step, ::step], views), clear)
+        images = np.where(hidden[..., None], spread(images[:, ::step, ::step], step, views), images)
+        known = np.where(hidden, spread(known[:, ::step, ::step], step, views), clear)
     if shared is not None:
         _guess(images, views.images, clear, ~(known | shared))
     return Backgrounds(images=images, known=known)

@@ -257,9 +257,9 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
 def plant_pixels(
     left: Float[np.ndarray, "cameras rows columns"], views: Views
 ) -> Bool[np.ndarray, "cameras height width"]:
-    """The pixels that see something in the region, or lie beside one that does; `left` is of `remaining`."""
-    opaque = left < 1 - FAINT
-    return spread(np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in opaque]), views)
+    """The pixels that see something in the region, or lie beside one that does; `left` is as `_next_level` has it."""
+    opaque = np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in left < 1 - FAINT])
+    return spread(opaque, stride(views), views)
 
 
 def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:

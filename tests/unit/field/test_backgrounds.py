@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from nerfmodal.field import backgrounds
-from nerfmodal.field.backgrounds import ground_behind, presumed_backgrounds, remaining
+from nerfmodal.field.backgrounds import ground_behind, presumed_backgrounds, remaining, spread
 from nerfmodal.field.beyond import shared_ground
 from nerfmodal.field.grid import GridField, empty_field
 from nerfmodal.field.views import views_of
@@ -44,6 +44,15 @@ def test_a_hidden_place_is_read_from_the_camera_that_sees_it(floor: Frame) -> No
     assert len(flat) > 0.7 * (~clear).sum()  # under the rig's target nobody sees it
     assert np.median(np.abs(off)) < 3
     assert np.sqrt(np.mean(off**2)) < 12  # the pattern's own is 70
+
+
+@pytest.mark.parametrize("step", [1, 4, 7])
+def test_what_is_said_of_some_pixels_is_said_of_those_after_them(floor: Frame, step: int) -> None:
+    views = views_of(Frame(index=0, time=0.0, images=floor.images[:, :9, :62], rig=floor.rig))
+    numbers = np.arange(9 * 62).reshape(1, 9, 62)
+    everywhere = spread(numbers[:, ::step, ::step], step, views)
+    rows, columns = np.indices((9, 62))
+    np.testing.assert_array_equal(everywhere[0], (rows // step * step) * 62 + columns // step * step)
 
 
 @pytest.mark.parametrize("step", [1, 2, 5])
@@ -122,7 +131,7 @@ def test_fog_before_its_own_background_is_seen_through(floor: Frame, fog: GridFi
     plain[:, ::2] = 132
     views = views_of(Frame(index=0, time=0.0, images=plain, rig=floor.rig))
     everywhere = np.ones(plain.shape[:3], dtype=bool)
-    left = remaining(fog, views, 2)
+    left = remaining(fog, views)
     hidden = presumed_backgrounds(fog, floor.rig, views, everywhere, left, foggy=False)
     seen = presumed_backgrounds(fog, floor.rig, views, everywhere, left, foggy=True)
     np.testing.assert_array_equal(seen, plain)
