@@ -11,7 +11,9 @@ export function Dialog({ open, title, onClose, wide = false, children }) {
     if (open && !dialog.open) dialog.showModal();
     if (!open && dialog.open) dialog.close();
   }, [open]);
-  return html`<dialog ref=${element} class=${wide ? "wide" : ""} onClose=${onClose} aria-label=${title}>
+  // The browser tells of a close later: of one that was opened again by then it is old news.
+  const closed = () => element.current?.open || onClose();
+  return html`<dialog ref=${element} class=${wide ? "wide" : ""} onClose=${closed} aria-label=${title}>
     ${open && html`<h2>${title}</h2>${children}`}
   </dialog>`;
 }
