@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from nerfmodal.field.marching import inverse
-from nerfmodal.geometry.lenses import fold
+from nerfmodal.geometry.lenses import brown, fold
 from nerfmodal.types import Rig
 
 MARGIN = 1.0
 """Pixels along a picture's edge that are not asked: a spline needs neighbours."""
+_brown = numba.njit(cache=True)(brown)
 
 
 def closest_cameras(
@@ -75,20 +76,10 @@ def _image_point(x, y, z, pose, distortion, limit, fisheye):
     if fisheye:
         r = math.hypot(across, up)
         angle = math.atan2(r, ahead)
-        ratio = angle * _radial(angle * angle, k1, k2, k3, k4) * inverse(r)
+        bent, _ = _brown(angle, 0.0, k1, k2, k3, k4, 0.0, 0.0)
+        ratio = bent * inverse(r)
         return (across * ratio, -up * ratio) if ahead > 0 and angle < limit else (math.nan, math.nan)
     a, b = across / max(ahead, 1e-12), -up / max(ahead, 1e-12)
-    r2 = a * a + b * b
-    if ahead <= 0 or r2 >= limit * limit:
+    if ahead <= 0 or a * a + b * b >= limit * limit:
         return math.nan, math.nan
-    radial, p1, p2 = _radial(r2, k1, k2, k3, k4), distortion[4], distortion[5]
-    return (
-        a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a),
-        b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b,
-    )
-
-
-@numba.njit(cache=True)
-@no_type_check
-def _radial(r2, k1, k2, k3, k4):
-    return 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+    return _brown(a, b, k1, k2, k3, k4, distortion[4], distortion[5])

@@ -8,6 +8,8 @@ A radial polynomial turns back at some radius: directions beyond that fold would
 No lens does that, so such directions are put far outside, and pixels beyond the fold see along it.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float
 
@@ -89,18 +91,21 @@ def _slope(camera: Camera, r: np.ndarray) -> np.ndarray:
     return np.asarray(1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * (7 * k3 + r2 * 9 * k4))))
 
 
-def _brown(camera: Camera, ideal: np.ndarray) -> np.ndarray:
-    k1, k2, k3, k4, p1, p2 = camera.distortion
-    x, y = ideal[:, 0], ideal[:, 1]
+@no_type_check
+def brown(
+    x: np.ndarray, y: np.ndarray, k1: float, k2: float, k3: float, k4: float, p1: float, p2: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where Brown's lens puts ideal image points; arithmetic alone, so that it is compiled for single ones as well."""
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=1,
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
     )
+
+
+def _brown(camera: Camera, ideal: np.ndarray) -> np.ndarray:
+    return np.stack(brown(ideal[:, 0], ideal[:, 1], *camera.distortion), axis=1)
 
 
 def _newton(camera: Camera, observed: np.ndarray) -> np.ndarray:
