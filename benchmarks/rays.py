@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from jaxtyping import Int
 from nerfmodal import pipeline
-from nerfmodal.field import grid, marching
+from nerfmodal.field import corners, grid, marching
 from nerfmodal.field.backgrounds import remaining, stride
 from nerfmodal.field.course import Course
 from nerfmodal.field.grid import grid_of
@@ -28,6 +28,8 @@ TIMES = 5
 """The best of so many counts, of the loop as of the triad and the multiply-adds: the machine works for others too."""
 BYTES_PER_SAMPLE = 8 * 16 * 3
 """Eight corners of four floats: gathered, and their gradients read and written."""
+BYTES_PER_LINE = corners.LINE * 16 * (2 + 2 + 4)
+"""Adam at every line of vertices that a batch touched: values, gradients and two moments, read and written."""
 FLOPS_PER_SAMPLE = 8 * (4 * 2 * 2 + 6) + 60
 """Eight corners' weights, multiply-adds forward and backward; compositing and its derivative."""
 ENLARGED = 8
@@ -43,7 +45,7 @@ def roofline_rows(film: Film) -> Iterator[Row]:
     rng = np.random.default_rng(0)
     plant = plant_pixels(remaining(field, views, stride(views)), views)
     draw = focused(plant, views, RAYS, rng)
-    samples = _samples_per_ray(field, views, np.concatenate([draw() for _ in range(16)]))
+    samples, lines = np.mean([_met(field, views, draw()) for _ in range(16)], axis=0)
 
     def train() -> float:
         draws = iter([draw() for _ in range(BATCHES)])
@@ -55,9 +57,11 @@ def roofline_rows(film: Film) -> Iterator[Row]:
     train()
     rate = BATCHES * RAYS / min(train() for _ in range(TIMES))
     bandwidth, arithmetic = _bandwidth(), _arithmetic()
-    limit = min(bandwidth / (samples * BYTES_PER_SAMPLE), arithmetic / (samples * FLOPS_PER_SAMPLE))
+    moved = samples * BYTES_PER_SAMPLE + lines * BYTES_PER_LINE
+    limit = min(bandwidth / moved, arithmetic / (samples * FLOPS_PER_SAMPLE))
     print(
-        f"  {rate / 1e3:.0f}k rays/s of {samples:.1f} samples on {numba.get_num_threads()} threads; the machine: "
+        f"  {rate / 1e3:.0f}k rays/s of {samples:.1f} samples on {numba.get_num_threads()} threads; bytes a ray: "
+        f"{samples * BYTES_PER_SAMPLE:.0f} at its samples, {lines * BYTES_PER_LINE:.0f} by the optimiser; the machine: "
         f"{bandwidth / 1e9:.1f} GB/s, {arithmetic / 1e9:.1f} Gflop/s"
     )
     yield Row(what="training rays per second against the roofline", value=rate / limit, unit="", floor=0.15, aim=0.5)
@@ -101,10 +105,11 @@ def _larger(camera: Camera) -> Camera:
     )
 
 
-def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, " rays"]) -> float:
-    pixels = pixels_at(flat, views.images.shape)
+def _met(field: grid.GridField, views: Views, flat: Int[np.ndarray, " rays"]) -> tuple[float, float]:
+    """Samples, and lines of vertices that they touch, of a batch: for each of its rays."""
     bricks = field.bricks
-    counted = _count(
+    touched = np.zeros(len(field.values) // corners.LINE, np.uint8)
+    samples = _count(
         bricks.slots,
         bricks.masks,
         field.values,
@@ -114,26 +119,31 @@ def _samples_per_ray(field: grid.GridField, views: Views, flat: Int[np.ndarray, 
         views.table,
         views.poses,
         views.nears,
-        pixels,
+        pixels_at(flat, views.images.shape),
+        np.empty_like(field.values),
+        touched,
     )
-    return float(counted / len(pixels))
+    return samples / len(flat), float(touched.sum()) / len(flat)
 
 
 @numba.njit
 @no_type_check
-def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels):
+def _count(slots, masks, values, half, low, voxel, table, poses, nears, pixels, gradient, touched):
     rows = np.empty((marching.MAX_SAMPLES, 8), np.int32)
-    weights = np.empty((marching.MAX_SAMPLES, 8), np.float32)
+    offsets = np.empty((marching.MAX_SAMPLES, 3), np.float32)
     samples, lanes = np.empty((marching.MAX_SAMPLES, 8), np.float32), np.zeros((3, marching.AT_ONCE), np.float32)
+    four = (np.float32(0), np.float32(0), np.float32(0), np.float32(0))
     total = 0
-    for index in range(len(pixels)):
-        camera, row, column = pixels[index]
+    for ray in range(len(pixels)):
+        camera, row, column = pixels[ray]
         dx, dy, dz = marching.ray_of(table, poses, camera, row, column, CELL)
         x, y, z = poses[camera, 0, 3] - low[0], poses[camera, 1, 3] - low[1], poses[camera, 2, 3] - low[2]
         n, _, _ = marching.march_inner(
             slots, masks, values, half, voxel, x / voxel, y / voxel, z / voxel, dx, dy, dz, nears[camera] / voxel,
-            grid.STEP, 0.5, rows, weights, samples, lanes,
+            grid.STEP, 0.5, rows, offsets, samples, lanes,
         )  # fmt: skip
+        for index in range(n):
+            corners.tell(gradient, touched, rows, offsets, index, four)
         total += n
     return total
 

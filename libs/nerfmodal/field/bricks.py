@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt64
 from scipy.ndimage import binary_dilation, distance_transform_cdt
 
-from nerfmodal.field.marching import EMPTY_RAW, ROWS_PER_BRICK, softplus
+from nerfmodal.field.corners import EMPTY_RAW, ROWS_PER_BRICK
+from nerfmodal.field.marching import softplus
 
 BLOCKS = 4
 """Blocks along the side of a brick."""

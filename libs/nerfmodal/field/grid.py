@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from nerfmodal.field import kernels, marching
+from nerfmodal.field import kernels
 from nerfmodal.field.bricks import Bricks, allocate, brick_counts, grown, refine, seen_blocks, with_masks
+from nerfmodal.field.corners import LINE, ROWS_PER_BRICK
 from nerfmodal.field.course import Course
 from nerfmodal.field.device import gpu
 from nerfmodal.field.views import CELL, Views, pixels_at
@@ -98,8 +99,8 @@ class Optimiser:
 
     def __init__(self, rows: int, blocks: int) -> None:
         self.gradients = np.zeros((kernels.CHUNKS, rows, 4), np.float32)
-        self.touched = np.zeros((kernels.CHUNKS, rows // kernels.LINE), np.uint8)
-        self.moments = np.zeros((rows // kernels.LINE, 2 * kernels.LANES), np.float32)
+        self.touched = np.zeros((kernels.CHUNKS, rows // LINE), np.uint8)
+        self.moments = np.zeros((rows // LINE, 2 * kernels.LANES), np.float32)
         self.seen = np.zeros((kernels.CHUNKS, blocks), np.float32)
         self.steps = 0
 
@@ -121,7 +122,7 @@ def empty_field(
     side = OUTER_BRICKS if ground is None else 0
     outer = np.arange(side**3, dtype=np.int32).reshape(side, side, side)
     sides = _texture_sides(pixels)
-    beyond = outer.size * marching.ROWS_PER_BRICK if ground is None else sides[0] ** 2 + sides[1] ** 2
+    beyond = outer.size * ROWS_PER_BRICK if ground is None else sides[0] ** 2 + sides[1] ** 2
     values = np.full((bricks.rows + beyond, 4), 0.5, np.float32)
     values[:, 0] = FOG_RAW
     plane = np.full(3, np.nan) if ground is None else ground

@@ -7,11 +7,11 @@ import torch
 from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
+from nerfmodal.field.corners import ROWS_PER_BRICK
 from nerfmodal.field.course import Course
 from nerfmodal.field.grid import GridField, Rates
 from nerfmodal.field.grid_torch import Place, pulls_of, render, show
 from nerfmodal.field.kernels import CLEAR
-from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, pixels_at
 
 BLOCKS_PER_BRICK = 64

@@ -12,9 +12,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from nerfmodal.field.corners import CORNERS, EMPTY_RAW, ROWS_PER_BRICK
 from nerfmodal.field.grid import STEP, GridField
 from nerfmodal.field.kernels import FAINTEST
-from nerfmodal.field.marching import CORNERS, EMPTY_RAW, MAX_SAMPLES, OPAQUE, ROWS_PER_BRICK
+from nerfmodal.field.marching import MAX_SAMPLES, OPAQUE
 from nerfmodal.field.views import Views, directions_of
 
 SKY_RADIUS = 60.0

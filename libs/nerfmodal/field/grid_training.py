@@ -28,6 +28,7 @@ from nerfmodal.field.bricks import (
     with_masks,
 )
 from nerfmodal.field.changes import carved_blocks, changed_pixels
+from nerfmodal.field.corners import ROWS_PER_BRICK
 from nerfmodal.field.course import Course
 from nerfmodal.field.grid import (
     FORGOTTEN_RAW,
@@ -41,7 +42,6 @@ from nerfmodal.field.grid import (
     render,
     train,
 )
-from nerfmodal.field.marching import ROWS_PER_BRICK
 from nerfmodal.field.views import Views, views_of
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.types import Frame

@@ -19,13 +19,12 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from nerfmodal.field.marching import AT_ONCE, CORNERS, MAX_SAMPLES, ROWS_PER_BRICK, march_beyond, march_inner, ray_of
+from nerfmodal.field.corners import LINE, ROWS_PER_BRICK, tell
+from nerfmodal.field.marching import AT_ONCE, MAX_SAMPLES, march_beyond, march_inner, ray_of
 
 numba.config.THREADING_LAYER = "omp"  # at hand on every machine; TBB warns when it is too old
 
 CHUNKS = 2
-LINE = 8
-"""Vertices along a brick's z: what the optimiser visits at once, 128 bytes of each of its arrays."""
 LANES = 4 * LINE
 """Numbers of a line."""
 CLEAR = 0.98
@@ -35,14 +34,14 @@ FAINTEST = 1e-3
 """A ray less opaque than this meets nothing."""
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def block_bit(local):
     """Which block of its brick a vertex begins."""
     return (((local >> 6) >> 1) << 4) | ((((local >> 3) & 7) >> 1) << 2) | ((local & 7) >> 1)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def mark_seen(rows, samples, n, seen):
     """Keep the largest weight of a sample in each block."""
@@ -52,7 +51,7 @@ def mark_seen(rows, samples, n, seen):
         seen[block] = max(seen[block], samples[index, 7])
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def gather_pulls(samples, n, strength, pulls):
     """Derivative of the ray's distortion (Barron et al. 2022, eq 15) by each weight: it pulls the weights together.
@@ -74,9 +73,9 @@ def gather_pulls(samples, n, strength, pulls):
         moment += w * t
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
-def backward(rows, weights, samples, n, tail, error, pulls, decay, gradient, touched):
+def backward(rows, offsets, samples, n, tail, error, pulls, decay, gradient, touched):
     """Scatter the loss's derivative of one ray; `tail` is T_end times the background, `error` dL/dC.
 
     `pulls` is what else each weight is pulled by (dL/dw).
@@ -91,25 +90,7 @@ def backward(rows, weights, samples, n, tail, error, pulls, decay, gradient, tou
         behind += weight * own
         g_raw = (slope + pull * delta) * samples[index, 3]
         g_red, g_green, g_blue = error[0] * weight, error[1] * weight, error[2] * weight
-        first = rows[index, 0]
-        if first >= 0 and rows[index, 7] - first == CORNERS[7]:  # all in one brick, on four of its lines
-            for corner in range(8):
-                row, w = first + CORNERS[corner], weights[index, corner]
-                gradient[row, 0] += w * g_raw
-                gradient[row, 1] += w * g_red
-                gradient[row, 2] += w * g_green
-                gradient[row, 3] += w * g_blue
-            line = first // LINE
-            touched[line], touched[line + 1], touched[line + 8], touched[line + 9] = 1, 1, 1, 1
-        else:
-            for corner in range(8):
-                row, w = rows[index, corner], weights[index, corner]
-                if row >= 0:
-                    gradient[row, 0] += w * g_raw
-                    gradient[row, 1] += w * g_red
-                    gradient[row, 2] += w * g_green
-                    gradient[row, 3] += w * g_blue
-                    touched[row // LINE] = 1
+        tell(gradient, touched, rows, offsets, index, (g_raw, g_red, g_green, g_blue))
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy", parallel=True, nogil=True)
@@ -153,7 +134,7 @@ def train_batch(
     center = low + half
     for chunk in numba.prange(CHUNKS):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
-        weights = np.empty((MAX_SAMPLES, 8), np.float32)
+        offsets = np.empty((MAX_SAMPLES, 3), np.float32)
         samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, AT_ONCE), np.float32)
         tail, error, pulls = np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(MAX_SAMPLES, np.float32)
         loss = 0.0
@@ -177,7 +158,7 @@ def train_batch(
                 step,
                 jitters[index],
                 rows,
-                weights,
+                offsets,
                 samples,
                 lanes,
             )
@@ -202,7 +183,7 @@ def train_batch(
                     max(far * voxel, nears[camera]),
                     jitters[index],
                     rows,
-                    weights,
+                    offsets,
                     samples,
                     n,
                     transmittance,
@@ -220,7 +201,7 @@ def train_batch(
                 difference = color - images[camera, row, column, channel] / 255.0
                 loss += difference * difference  # eq 9
                 error[channel] = 2.0 * min(max(difference, -limit), limit)
-            backward(rows, weights, samples, n, tail, error, pulls, decay, gradients[chunk], touched[chunk])
+            backward(rows, offsets, samples, n, tail, error, pulls, decay, gradients[chunk], touched[chunk])
         losses[chunk] = loss
     return losses.sum() / (3 * count)
 
@@ -264,7 +245,7 @@ def speeds_of(rates, correct):
     return speeds
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def move(source, target):
     """Add one chunk's gradients of a line to another's."""
@@ -273,7 +254,7 @@ def move(source, target):
         source[lane] = np.float32(0)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def pairs_of(trainable, line, base):
     """Which of a line's four pairs of vertices may move, as bits; a pair belongs to one block."""
@@ -284,7 +265,7 @@ def pairs_of(trainable, line, base):
     return (trainable[line // (ROWS_PER_BRICK // LINE)] >> np.uint64(bit)) & np.uint64(15)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adam_line(values, gradients, moments, speeds, scale):
     """One step of Adam on a line's numbers; without a branch, so that a processor takes eight of them at once."""
@@ -332,7 +313,7 @@ def render_pixels(
     center = low + half
     for chunk in numba.prange(64):
         rows = np.empty((MAX_SAMPLES, 8), np.int32)
-        weights = np.empty((MAX_SAMPLES, 8), np.float32)
+        offsets = np.empty((MAX_SAMPLES, 3), np.float32)
         samples, lanes = np.empty((MAX_SAMPLES, 8), np.float32), np.zeros((3, AT_ONCE), np.float32)
         for index in range(chunk * count // 64, (chunk + 1) * count // 64):
             camera, row, column = pixels[index, 0], pixels[index, 1], pixels[index, 2]
@@ -354,7 +335,7 @@ def render_pixels(
                 step,
                 0.5,
                 rows,
-                weights,
+                offsets,
                 samples,
                 lanes,
             )
@@ -384,7 +365,7 @@ def render_pixels(
                     max(far * voxel, nears[camera]),
                     0.5,
                     rows,
-                    weights,
+                    offsets,
                     samples,
                     0,
                     1.0,

@@ -9,11 +9,9 @@ from typing import no_type_check
 import numba
 import numpy as np
 
+from nerfmodal.field.corners import gather
+
 MAX_SAMPLES = 768
-ROWS_PER_BRICK = 512
-CORNERS = (0, 1, 8, 9, 64, 65, 72, 73)
-"""Rows of a cell's corners within one brick, from its first."""
-EMPTY_RAW = np.float32(-6.0)
 AT_ONCE = 16
 """Samples of a ray whose opacities are found together; a part of `MAX_SAMPLES`."""
 LIMIT = 30.0
@@ -32,7 +30,7 @@ def softplus(raw):
     return raw if raw > 15.0 else math.log(1.0 + math.exp(raw))
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def ray_of(table, poses, camera, row, column, cell):
     """Unit world direction through a pixel's centre, from the table of undistorted image points every `cell` pixels."""
@@ -55,7 +53,7 @@ def ray_of(table, poses, camera, row, column, cell):
     )
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
     """Where a ray enters and leaves the box (0, 0, 0)-(sx, sy, sz); a miss has near >= far."""
@@ -70,14 +68,14 @@ def box_span(ox, oy, oz, dx, dy, dz, sx, sy, sz):
     return near, far
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def inverse(d):
     """1 / d, finite for a ray that runs along a face."""
     return 1.0 / d if abs(d) > 1e-9 else math.copysign(1e9, d)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def to_exit(x, y, z, i, j, k, ix, iy, iz, size, around):
     """Distance to the far side of the aligned cube of `size` (a power of two) cells around cell (i, j, k).
@@ -91,51 +89,7 @@ def to_exit(x, y, z, i, j, k, ix, iy, iz, size, around):
     return max(distance, 0.0)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-@no_type_check
-def gather(bricks, base, values, x, y, z, rows, weights, samples, n):
-    """Interpolate at a point: keep its eight corners' rows and weights, and the colour; return the raw density.
-
-    Where all corners lie in one brick, as two cells in three have them, only the first and the last row are kept.
-    """
-    i, j, k = int(x), int(y), int(z)
-    one = np.float32(1)
-    a, b, c = np.float32(x - i), np.float32(y - j), np.float32(z - k)
-    front, back = one - a, a
-    for pair, w in enumerate((front * (one - b), front * b, back * (one - b), back * b)):
-        weights[n, 2 * pair], weights[n, 2 * pair + 1] = w * (one - c), w * c
-    raw, red, green, blue = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    own = bricks[i >> 3, j >> 3, k >> 3]
-    if own >= 0 and (i & 7) < 7 and (j & 7) < 7 and (k & 7) < 7:
-        first = base + own * ROWS_PER_BRICK + (((i & 7) << 6) | ((j & 7) << 3) | (k & 7))
-        rows[n, 0], rows[n, 7] = first, first + CORNERS[7]
-        for corner in range(8):
-            row, w = first + CORNERS[corner], weights[n, corner]
-            raw += w * values[row, 0]
-            red += w * values[row, 1]
-            green += w * values[row, 2]
-            blue += w * values[row, 3]
-    else:
-        for corner in range(8):
-            p, q, r = i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1)
-            slot, w = bricks[p >> 3, q >> 3, r >> 3], weights[n, corner]
-            if slot < 0:
-                rows[n, corner] = -1
-                raw += w * EMPTY_RAW
-            else:
-                row = base + slot * ROWS_PER_BRICK + (((p & 7) << 6) | ((q & 7) << 3) | (r & 7))
-                rows[n, corner] = row
-                raw += w * values[row, 0]
-                red += w * values[row, 1]
-                green += w * values[row, 2]
-                blue += w * values[row, 3]
-    samples[n, 4] = red
-    samples[n, 5] = green
-    samples[n, 6] = blue
-    return raw
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def exp2(x):
     """2^x in single precision, for -126 < x < 127; a polynomial, so that a processor takes eight at once."""
@@ -147,7 +101,7 @@ def exp2(x):
     return p * np.int32((np.int32(whole) + 127) << 23).view(np.float32)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def log2(x):
     """Logarithm to the base 2 in single precision, for normal x > 0; without a branch, as `exp2`."""
@@ -160,7 +114,7 @@ def log2(x):
     return np.float32(whole) + s * (np.float32(2.88539008) + q * p)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def activate(raw, delta):
     """Opacity of a sample of length `delta` (eq 3), and the derivative of its density by its raw density.
@@ -186,7 +140,7 @@ def activate_all(lanes, delta):
         lanes[1, lane], lanes[2, lane] = activate(lanes[0, lane], delta)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 @no_type_check
 def keep_sample(samples, n, t, delta, opacity, slope, transmittance):
     """Composite sample n (eq 3): `samples[n]` = t, delta, T_i, dsigma/draw, rgb, weight. Returns the transmittance."""
@@ -201,7 +155,7 @@ def keep_sample(samples, n, t, delta, opacity, slope, transmittance):
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def march_inner(
-    bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, nearest, step, jitter, rows, weights, samples, lanes
+    bricks, masks, values, half, voxel, ox, oy, oz, dx, dy, dz, nearest, step, jitter, rows, offsets, samples, lanes
 ):
     """Samples of one ray inside the region, from `nearest` on. Returns how many, the transmittance left, the exit.
 
@@ -235,7 +189,7 @@ def march_inner(
             if size > 0:
                 t += (int(to_exit(x, y, z, i, j, k, ix, iy, iz, size, around) * per_step) + 1) * step
                 continue
-            lanes[0, n - begin] = gather(bricks, 0, values, x, y, z, rows, weights, samples, n)
+            lanes[0, n - begin] = gather(bricks, 0, values, x, y, z, rows, offsets, samples, n)
             samples[n, 0] = t
             n += 1
             t += step
@@ -252,7 +206,7 @@ def march_inner(
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def march_outer(
-    bricks, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, transmittance
+    bricks, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, offsets, samples, n, transmittance
 ):
     """Samples of one ray beyond the region, in contracted space; the last one is opaque (the sky)."""
     cells = bricks.shape[0] * 8 - 1
@@ -279,7 +233,7 @@ def march_outer(
             min((y * shrink + 2.0) * 0.25, 0.9999) * cells,
             min((z * shrink + 2.0) * 0.25, 0.9999) * cells,
             rows,
-            weights,
+            offsets,
             samples,
             n,
         )
@@ -314,7 +268,7 @@ def march_beyond(
     start,
     jitter,
     rows,
-    weights,
+    offsets,
     samples,
     n,
     left,
@@ -324,16 +278,16 @@ def march_beyond(
         return n, left
     if outer.size > 0:
         return march_outer(
-            outer, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, weights, samples, n, left
+            outer, base, values, half, center, ox, oy, oz, dx, dy, dz, start, jitter, rows, offsets, samples, n, left
         )
     return meet_ground(
-        values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, left
+        values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, offsets, samples, n, left
     )
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def texel(values, start, size, u, v, rows, weights, samples, n):
+def texel(values, start, size, u, v, rows, offsets, samples, n):
     """Bilinear colour of the square texture of `size` that begins at row `start`; (u, v) in 0..1; opaque."""
     x, y = min(max(u, 0.0), 1.0) * (size - 1.001), min(max(v, 0.0), 1.0) * (size - 1.001)
     i, j = int(x), int(y)
@@ -343,11 +297,12 @@ def texel(values, start, size, u, v, rows, weights, samples, n):
         samples[n, 4 + channel] = 0.0
     for corner in range(8):
         rows[n, corner] = -1
+    offsets[n, 0], offsets[n, 1], offsets[n, 2] = a, b, 0.0
     for corner in range(4):
         di, dj = corner >> 1, corner & 1
         row = start + (i + di) * size + j + dj
         w = (a if di else one - a) * (b if dj else one - b)
-        rows[n, corner], weights[n, corner] = row, w
+        rows[n, 2 * corner] = row
         for channel in range(3):
             samples[n, 4 + channel] += w * values[row, 1 + channel]
 
@@ -355,7 +310,7 @@ def texel(values, start, size, u, v, rows, weights, samples, n):
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def meet_ground(
-    values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, weights, samples, n, transmittance
+    values, base, half, center, ground, sides, ox, oy, oz, dx, dy, dz, rows, offsets, samples, n, transmittance
 ):
     """The last sample of a ray: the ground plane where it falls, contracted, or the sky where it rises.
 
@@ -368,11 +323,11 @@ def meet_ground(
         x, y = (ox + dx * t - center[0]) / half[0], (oy + dy * t - center[1]) / half[1]
         r = max(abs(x), abs(y), 1.0)
         shrink = (2.0 - 1.0 / r) / r * 0.25
-        texel(values, base, sides[0], 0.5 + x * shrink, 0.5 + y * shrink, rows, weights, samples, n)
+        texel(values, base, sides[0], 0.5 + x * shrink, 0.5 + y * shrink, rows, offsets, samples, n)
     else:
         t = 1e3
         u, v = 0.5 + math.atan2(dy, dx) / (2.0 * math.pi), 0.5 + math.asin(min(max(dz, -1.0), 1.0)) / math.pi
-        texel(values, base + sides[0] ** 2, sides[1], u, v, rows, weights, samples, n)
+        texel(values, base + sides[0] ** 2, sides[1], u, v, rows, offsets, samples, n)
     samples[n, 0], samples[n, 1], samples[n, 2], samples[n, 3] = t, 0.0, transmittance, 0.0
     samples[n, 7] = transmittance
     return n + 1, 0.0

@@ -13,7 +13,7 @@ from nerfmodal.field.bricks import (
     unpack,
     with_masks,
 )
-from nerfmodal.field.marching import ROWS_PER_BRICK
+from nerfmodal.field.corners import ROWS_PER_BRICK
 
 
 @pytest.fixture

@@ -174,11 +174,9 @@ def test_a_pull_reaches_the_densities_through_the_weights(rng: np.random.Generat
     samples[:, 1], samples[:, 2], samples[:, 3], samples[:, 7] = delta, before, 1 / (1 + np.exp(-raw)), weights
     rows = np.full((count, 8), -1, np.int32)
     rows[:, 0] = np.arange(count)
-    shares = np.zeros((count, 8), np.float32)
-    shares[:, 0] = 1
-    gradient, touched = np.zeros((512, 4), np.float32), np.zeros(1, np.uint8)
+    corner, gradient, touched = np.zeros((count, 3), np.float32), np.zeros((512, 4), np.float32), np.zeros(1, np.uint8)
     dark, strengths = np.zeros(3, np.float32), pulls.astype(np.float32)
-    kernels.backward(rows, shares, samples, count, dark, dark, strengths, 0.0, gradient, touched)
+    kernels.backward(rows, corner, samples, count, dark, dark, strengths, 0.0, gradient, touched)
     for index in range(count):
         step = np.zeros(count)
         step[index] = 1e-6
