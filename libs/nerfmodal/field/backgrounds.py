@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt8
-from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from nerfmodal.field.beyond import FLAT, MOST_PIXELS, Ground, on_ground, shared_ground, slants
 from nerfmodal.field.bricks import emptied
 from nerfmodal.field.closest import closest_cameras
 from nerfmodal.field.grid import GridField, render
 from nerfmodal.field.kernels import CLEAR
+from nerfmodal.field.masks import largest, narrowed
 from nerfmodal.field.views import Views, directions_of, pixels_at, views_of
 from nerfmodal.types import Frame, Rig
 
@@ -51,7 +52,7 @@ def still_backgrounds(field: GridField, first: Frame) -> Backgrounds:
     Beside the structure a pixel may hold a little of it that the field does not know: its own picture is not believed.
     """
     views = views_of(first)
-    clear = _within(_counting(remaining(field, views) > CLEAR, views))
+    clear = narrowed(_counting(remaining(field, views) > CLEAR, views), 1)
     shared = shared_ground(field, views) if field.has_ground else None
     return _behind(field, first.rig, views, clear, shared)
 
@@ -112,11 +113,6 @@ def _counting(
     return pixels if views.counts is None else pixels & views.counts
 
 
-def _within(clear: Bool[np.ndarray, "cameras height width"]) -> Bool[np.ndarray, "cameras height width"]:
-    """The pixels that are clear with all around them."""
-    return np.stack([binary_erosion(one, np.ones((3, 3), dtype=bool), border_value=1) for one in clear])
-
-
 def _behind(
     field: GridField,
     rig: Rig,
@@ -132,7 +128,7 @@ def _behind(
     images, known = views.images.copy(), clear.copy()
     hidden, learned = ~clear, np.ones_like(clear)
     if shared is not None:
-        hidden = ~_within(clear)
+        hidden = ~narrowed(clear, 1)
         for flat, colors in ground_behind(field.ground, rig, views, ~hidden, step):
             images.reshape(-1, 3)[flat], known.reshape(-1)[flat] = colors, True
         learned = shared | ~clear.any(axis=(1, 2), keepdims=True)
@@ -190,7 +186,7 @@ def _alike(
     alike = np.empty(images.shape[:3], dtype=bool)
     for camera, (image, other) in enumerate(zip(images, others, strict=True)):
         off = gaussian_filter(image.astype(np.float32) - other, (BLUR, BLUR, 0))
-        alike[camera] = np.abs(off).max(axis=-1) < 255 * ALIKE
+        alike[camera] = largest(np.abs(off)) < 255 * ALIKE
     return alike
 
 

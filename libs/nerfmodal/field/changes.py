@@ -10,9 +10,9 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Bool, UInt8
-from scipy.ndimage import binary_dilation
 
 from nerfmodal.field.bricks import BLOCKS, Bricks, Occupancy, grown
+from nerfmodal.field.masks import largest, widened
 from nerfmodal.geometry.cameras import project
 from nerfmodal.types import Rig
 
@@ -24,13 +24,8 @@ def changed_pixels(
     first: UInt8[np.ndarray, "cameras height width 3"], images: UInt8[np.ndarray, "cameras height width 3"]
 ) -> Bool[np.ndarray, "cameras height width"]:
     """Pixels that differ from frame 0, and their neighbours."""
-    around = np.ones((3, 3), dtype=bool)
-    return np.stack(
-        [
-            binary_dilation(np.abs(before.astype(np.int16) - now).max(axis=-1) > CHANGE, around)
-            for before, now in zip(first, images, strict=True)
-        ]
-    )
+    changed = [largest(np.abs(was.astype(np.int16) - now)) > CHANGE for was, now in zip(first, images, strict=True)]
+    return widened(np.stack(changed), 1)
 
 
 def carved_blocks(
@@ -56,16 +51,10 @@ def carved_blocks(
     for camera, mask, asked in zip(rig.cameras, marked, opinions, strict=True):
         pixels, depths = project(camera, centers)
         radius = 0.5 * side * camera.focal_x / max(float(np.median(np.abs(depths))), 1e-6)
-        _vote(pixels, depths, _grow(mask, round(radius)), asked, votes, seen)
+        _vote(pixels, depths, widened(mask, round(radius)), asked, votes, seen)
     hull = np.zeros(shape, dtype=bool)
     hull[asked_for] = votes >= agreement * np.maximum(seen, 1.0)
     return grown(hull)
-
-
-def _grow(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarray, "height width"]:
-    if pixels < 1:
-        return mask
-    return np.asarray(binary_dilation(mask, np.ones((2 * pixels + 1, 2 * pixels + 1), dtype=bool)))
 
 
 @numba.njit(cache=True)

@@ -1,7 +1,7 @@
 """The eight corners of a cell: which rows of a grid's numbers they are, what they hold together, what they are told.
 
-A row is four numbers, which a processor reads, adds and writes at once: four times as fast as one by one, as the
-compiler left to itself has it. Corners come in the order (0, 0, 0), (0, 0, 1), (0, 1, 0) … (1, 1, 1).
+A row is four numbers, which a processor can read, add and write at once; the compiler, left to itself, takes them one
+by one. Corners come in the order (0, 0, 0), (0, 0, 1), (0, 1, 0) … (1, 1, 1).
 """
 
 from typing import no_type_check

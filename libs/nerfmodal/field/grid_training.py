@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from scipy.ndimage import binary_dilation, median_filter, uniform_filter
+from scipy.ndimage import median_filter, uniform_filter
 
 from nerfmodal.field.backgrounds import presumed_backgrounds, remaining, spread, still_backgrounds, stride
 from nerfmodal.field.beyond import Ground, lay_ground, shared_ground
@@ -42,6 +42,7 @@ from nerfmodal.field.grid import (
     render,
     train,
 )
+from nerfmodal.field.masks import largest, widened
 from nerfmodal.field.views import Views, views_of
 from nerfmodal.io.resume import ResumeFile
 from nerfmodal.types import Frame
@@ -65,7 +66,8 @@ COARSE_DECAY, FINE_DECAY = 1e-3, 3e-4
 HASTE = 2.0
 """A further frame's densities learn faster than frame 0's: they have a fraction of its iterations."""
 FOUND_WEIGHT = 0.1
-RING = 9
+RING = 4
+"""Pixels around what changed in which there must be nothing new."""
 INSIDE = 0.75
 NOWHERE = np.empty((0, 0, 0), np.int32)
 FAINT = 0.1
@@ -247,7 +249,7 @@ def unexplained(clear: GridField, views: Views) -> Silhouettes:
     missed, tell = np.empty(views.images.shape[:3], bool), shared_ground(clear, views)
     for camera, image in enumerate(views.images):
         _, _, behind, _, _ = render(clear, views, views.pixels_of(camera), behind=True)
-        difference = np.abs(behind.reshape(image.shape) - image / np.float32(255)).max(axis=-1)
+        difference = largest(np.abs(behind.reshape(image.shape) - image / np.float32(255)))
         missed[camera] = uniform_filter(median_filter(difference, 3), 3) > UNEXPLAINED
     if views.counts is not None:  # a pixel that does not count neither misses nor tells
         missed, tell = missed & views.counts, tell & views.counts
@@ -258,8 +260,7 @@ def plant_pixels(
     left: Float[np.ndarray, "cameras rows columns"], views: Views
 ) -> Bool[np.ndarray, "cameras height width"]:
     """The pixels that see something in the region, or lie beside one that does; `left` is as `_next_level` has it."""
-    opaque = np.stack([binary_dilation(one, np.ones((3, 3), dtype=bool)) for one in left < 1 - FAINT])
-    return spread(opaque, stride(views), views)
+    return spread(widened(left < 1 - FAINT, 1), stride(views), views)
 
 
 def _anywhere(views: Views, rays: int, rng: np.random.Generator) -> Draw:
@@ -324,7 +325,7 @@ def fine_tune(
 def _changed_rays(changed: Bool[np.ndarray, "cameras height width"], rays: int, rng: np.random.Generator) -> Draw:
     """Most rays from pixels that changed, the others from around them: there must be nothing new."""
     inside = numbers_of(changed)
-    around = numbers_of(binary_dilation(changed, np.ones((1, RING, RING), dtype=bool)) & ~changed)
+    around = numbers_of(widened(changed, RING) & ~changed)
     near = rays if not len(around) else round(INSIDE * rays)
 
     def draw() -> Int[np.ndarray, " rays"]:
