@@ -92,7 +92,7 @@ def _sky_points(directions: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, "r
 
 
 def _texels(points: Float[np.ndarray, "rays 2"], side: int) -> Int[np.ndarray, " rays"]:
-    nearest = np.round(np.clip(points, 0, 1) * (side - 1.001)).astype(int)
+    nearest = np.round(np.clip(points, 0, 1) * (side - 1.001)).astype(np.int32)  # half the time to sort
     return nearest[:, 0] * side + nearest[:, 1]
 
 

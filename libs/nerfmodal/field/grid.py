@@ -17,7 +17,8 @@ from nerfmodal.field.course import Course
 from nerfmodal.field.device import gpu
 from nerfmodal.field.views import CELL, Views, pixels_at
 
-OUTER_BRICKS = 12
+OUTER_BRICKS = 2
+"""Along a side of the outer grid: a finer one learns, for each camera, a picture of its own of what lies beyond."""
 PIXELS_PER_TEXEL = 3.5
 FOG_RAW = np.float32(-4.0)
 """Raw density of a voxel before any training: 0.018 per voxel, from which short trainings still become opaque."""

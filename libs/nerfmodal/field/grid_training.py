@@ -57,7 +57,11 @@ UNEXPLAINED = 0.12
 LEVELS = (0.1, 0.15, 0.2, 0.3)
 """Share of the iterations of each level; the voxel halves between two."""
 DECAYS = (3e-3, 3e-3, 1e-3, 1e-4)
-"""Pull towards emptiness at each level: fog clears while the voxels are large, thin leaves keep their opacity."""
+"""Pull towards emptiness at each level: fog clears while the voxels are large, thin leaves keep their opacity.
+
+Only before a known ground. Without one, nothing but the region explains the pictures well: a plain wall in it, pulled
+at, stays transparent, and the outer grid paints it for each camera anew.
+"""
 PLANT_AGREEMENT, CHANGE_AGREEMENT = 0.8, 0.9
 """Share of the cameras that must see the plant, or a change, where it is looked for."""
 COARSE_SHARE = 0.4
@@ -114,9 +118,8 @@ def fit(
                 draw = focused(silhouettes.missed | ~silhouettes.tell, views, schedule.rays, rng)
         until = _iterations_until(level, schedule.iterations)
         plain = _stand_ins(field, frame, views, silhouettes, level, left)
-        seen = train(
-            field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=DECAYS[level]
-        )
+        decay = DECAYS[level] if field.has_ground else 0.0
+        seen = train(field, views, plain, draw, until - course.done, rng, course, rates=schedule.rates, decay=decay)
         if level == len(LEVELS) - 1:
             return pruned(field, seen)
         if resume.is_due:

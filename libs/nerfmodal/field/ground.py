@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
-from nerfmodal.field.beyond import Ground, on_ground, slants
+from nerfmodal.field.beyond import Ground, slants
 from nerfmodal.field.views import Views, directions_of, views_of
 from nerfmodal.geometry.cameras import focus_of
 from nerfmodal.types import Frame, Rig
@@ -39,15 +39,20 @@ OTHERS = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 """Heights, in distances to what the rig looks at, of the planes that a ground is held against."""
 BETTER = 0.5
 """A ground disagrees at most this much as those other planes do."""
+COARSELY_BETTER = 0.75
+"""The best of the planes that are tried need not lie so well yet; one that lies worse is not refined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rays:
-    """Rays through the blocks of small pictures; `origins` are relative to `center` (m)."""
+    """Rays through the blocks of small pictures; `origins` are relative to `center` (m).
+
+    In single precision and coordinate by coordinate, for hundreds of planes are tried on them.
+    """
 
     camera: Int[np.ndarray, " rays"]
-    origins: Float[np.ndarray, "rays 3"]
-    directions: Float[np.ndarray, "rays 3"]
+    origins: Float[np.ndarray, "3 rays"]
+    directions: Float[np.ndarray, "3 rays"]
     tones: Float[np.ndarray, " rays"]
     center: Float[np.ndarray, " 3"]
     distance: float
@@ -62,13 +67,13 @@ def find_ground(frame: Frame) -> Ground | None:
     views = views_of(frame)
     coarse = _rays_of(views, frame.rig, COARSEST, MOST_RAYS[0])
     ground = min(_candidates(coarse), key=lambda plane: _disagreement(plane, coarse))
+    if not _stands_out(ground, coarse, COARSELY_BETTER):
+        return None
     rays = coarse
     for size in SIZES:
         rays = _rays_of(views, frame.rig, size, MOST_RAYS[1])
         ground = _refined(ground, rays)
-    found = np.median(_differences(ground, rays))
-    others = [np.median(_differences(ground + [share * rays.distance, 0, 0], rays)) for share in OTHERS]
-    return _in_the_world(ground, rays.center) if found <= BETTER * np.median(others) else None
+    return _in_the_world(ground, rays.center) if _stands_out(ground, rays, BETTER) else None
 
 
 def _rays_of(views: Views, rig: Rig, size: int, most: int) -> _Rays:
@@ -85,8 +90,8 @@ def _rays_of(views: Views, rig: Rig, size: int, most: int) -> _Rays:
     focal = float(np.median([camera.focal_x for camera in rig.cameras]))
     return _Rays(
         camera=pixels[kept, 0],
-        origins=views.poses[pixels[kept, 0], :3, 3] - center,
-        directions=directions_of(views, pixels[kept]),
+        origins=_coordinates(views.poses[pixels[kept, 0], :3, 3] - center),
+        directions=_coordinates(directions_of(views, pixels[kept])),
         tones=tones.reshape(-1)[kept],
         center=center,
         distance=distance,
@@ -94,8 +99,12 @@ def _rays_of(views: Views, rig: Rig, size: int, most: int) -> _Rays:
     )
 
 
+def _coordinates(vectors: Float[np.ndarray, "rays 3"]) -> Float[np.ndarray, "3 rays"]:
+    return np.ascontiguousarray(vectors.T, dtype=np.float32)
+
+
 def _candidates(rays: _Rays) -> list[Ground]:
-    highest = max(float(rays.origins[:, 2].min()), 0.0)
+    highest = max(float(rays.origins[2].min()), 0.0)
     heights = np.arange(-DEEPEST * rays.distance, highest, rays.footprint)
     return [np.array(plane) for plane in product(heights, SLOPES, SLOPES)]
 
@@ -113,6 +122,12 @@ def _refined(ground: Ground, rays: _Rays) -> Ground:
     return np.asarray(found.x)
 
 
+def _stands_out(ground: Ground, rays: _Rays, most: float) -> bool:
+    """Whether it disagrees at most `most` times as much as planes above and below it."""
+    others = [np.median(_differences(ground + [share * rays.distance, 0, 0], rays)) for share in OTHERS]
+    return bool(np.median(_differences(ground, rays)) <= most * np.median(others))
+
+
 def _disagreement(ground: Ground, rays: _Rays) -> float:
     return float(np.minimum(_differences(ground, rays), LARGEST).mean())
 
@@ -122,17 +137,11 @@ def _differences(ground: Ground, rays: _Rays) -> Float[np.ndarray, " compared"]:
 
     One difference of 1 where nothing can be compared.
     """
-    falls = (slants(ground, rays.directions) < STEEP) & (slants(ground, rays.origins) > ground[0])
-    reach = REACH * rays.distance
-    points = on_ground(ground, rays.origins[falls], rays.directions[falls])[:, :2]
-    near = (np.abs(points) < reach).all(axis=1)
-    camera, tones = rays.camera[falls][near], rays.tones[falls][near]
-    side = int(2 * reach / (CELL * rays.footprint)) + 1
-    row, column = ((points[near] + reach) / (CELL * rays.footprint)).astype(np.int64).T
-    patch = row * side + column
-    seen = np.zeros((side * side, int(rays.camera.max()) + 1), dtype=bool)
-    seen[patch, camera] = True
-    compared = (seen.sum(axis=1) >= FEWEST_CAMERAS)[patch]
+    patch, kept, side = _patches(ground, rays)
+    camera, tones = rays.camera[kept], rays.tones[kept]
+    seen = np.zeros((int(rays.camera.max()) + 1, side * side), dtype=bool)
+    seen[camera, patch] = True
+    compared = (seen.sum(axis=0, dtype=np.int32) >= FEWEST_CAMERAS)[patch]
     if compared.sum() < LEAST_SHARE * len(rays.tones):
         return np.ones(1)
     patch, tones = patch[compared], tones[compared]
@@ -142,6 +151,21 @@ def _differences(ground: Ground, rays: _Rays) -> Float[np.ndarray, " compared"]:
     differences = np.abs(tones - _means(patch, tones, np.ones(len(patch)))[patch]) / usual
     inliers = np.maximum(LARGEST - differences, 1e-3)  # what stands before the ground weighs less
     return np.asarray(np.abs(tones - _means(patch, tones, inliers)[patch]) / usual)
+
+
+def _patches(ground: Ground, rays: _Rays) -> tuple[Int[np.ndarray, " near"], Int[np.ndarray, " near"], int]:
+    """The patches of the plane that rays meet, which rays these are, and how many patches lie along a side."""
+    height, along_x, along_y = ground.astype(np.float32)
+    (x, y, z), (u, v, w) = rays.origins, rays.directions
+    falls, above = w - along_x * u - along_y * v, z - along_x * x - along_y * y - height
+    with np.errstate(divide="ignore", invalid="ignore"):  # rays along the plane
+        t = -above / falls
+        x, y = x + t * u, y + t * v
+    reach, cell = REACH * rays.distance, CELL * rays.footprint
+    kept = np.flatnonzero((falls < STEEP) & (above > 0) & (np.abs(x) < reach) & (np.abs(y) < reach))
+    side = int(2 * reach / cell) + 1
+    row, column = (((place[kept] + reach) / cell).astype(np.int32) for place in (x, y))
+    return row * side + column, kept, side
 
 
 def _means(
